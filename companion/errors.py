@@ -1,0 +1,43 @@
+"""Errors of the environment, each with a message that says what to do.
+
+::
+
+    KollsmanError
+     ├─ ConfigError      a configuration file cannot be used     (wrong key, type, range, missing file)
+     ├─ LinkError        a link cannot be opened or used         (bad URL, no such port, address in use)
+     ├─ LogFormatError   a file is not the log it claims to be   (not a tlog, unreadable, empty)
+     ├─ IdentityError    another program speaks with our ids     (a second companion 1/191)
+     ├─ VehicleError     the link works, the vehicle does not    (no heartbeat, no barometer)
+     └─ SimulationError  the simulated flight left reality       (non-finite state, below ground, bad scenario)
+
+Bad *data* (corrupt frames, absurd values, clock jumps) never raises: it becomes a counted cause or a `Verdict`.
+The command line catches `KollsmanError` once, prints one line and exits with 1.
+"""
+
+
+class KollsmanError(Exception):
+    """Base of every error that a user can do something about."""
+
+
+class ConfigError(KollsmanError, ValueError):
+    """A configuration value, key or file cannot be used."""
+
+
+class LinkError(KollsmanError, OSError):
+    """A link cannot be opened: the URL is wrong, the port is missing or taken."""
+
+
+class LogFormatError(KollsmanError, ValueError):
+    """A file is not the log format it claims to be, or holds nothing of it."""
+
+
+class IdentityError(KollsmanError):
+    """Another component on the link already uses our system and component id."""
+
+
+class VehicleError(KollsmanError):
+    """The link is open but the vehicle does not send what is needed."""
+
+
+class SimulationError(KollsmanError):
+    """The simulated flight is no longer physical, or its scenario cannot be flown."""

@@ -1,0 +1,239 @@
+"""The records everything is made of: sample rows, estimate rows, verdicts, and `SampleLog`.
+
+A sample is one row of a NumPy structured array; its dtype is its kind. Every row has ``time_us`` (vehicle boot clock,
+when the quantity was true), ``arrival_us`` (host clock, when its bytes were read) and ``instance`` (0 is the primary
+sensor). Unknown is NaN.
+
+Rows travel as one-element arrays, which compiled steps index inside: passing a ``np.record`` to compiled code costs ten
+times as much. `rows` makes them, and makes record arrays instead when ``NUMBA_DISABLE_JIT`` is set, so that
+``sample[0].pressure_pa`` reads the same compiled and uncompiled.
+"""
+
+import os
+from collections.abc import Mapping
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Rows = NDArray[Any]
+"""A one-dimensional structured array of one of the dtypes below."""
+
+MAX_INSTANCES = 4
+
+COMPILED = os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0")
+"""Whether estimator steps are compiled (Numba's own switch, read without importing it)."""
+
+
+class Packet(NamedTuple):
+    """Bytes as they arrived: a datagram, a chunk of a serial stream, or one frame of a log."""
+
+    time_us: int
+    data: bytes
+
+
+class Kind(IntEnum):
+    """What a sample measures; also its index in `SampleLog.tables` and in an estimator's counters."""
+
+    IMU = 0
+    PRESSURE = 1
+    GNSS = 2
+    ATTITUDE = 3
+    RANGE = 4
+    AIR = 5
+    STATUS = 6
+    HOME = 7
+
+
+class Verdict(IntEnum):
+    """What became of a measurement. A measurement never raises."""
+
+    USED = 0
+    GATED = 1
+    """plausible alone, but contradicted by the estimate"""
+    STALE = 2
+    """not newer than the last of its kind and instance, or older than the delay horizon"""
+    INVALID = 3
+    """not a measurement: NaN, out of physical range, without a fix, or known to be wrong"""
+    IGNORED = 4
+    """of a kind this estimator does not use"""
+
+
+class Suspicion(IntEnum):
+    """Why a row that is finite and in range must not be believed in absolute terms (field ``suspect``)."""
+
+    NONE = 0
+    DATUM = 1
+    """pressure that contradicts credible GNSS height by more than any weather can"""
+
+
+def _dtype(*fields: tuple[Any, ...]) -> np.dtype[Any]:
+    head = [("time_us", "i8"), ("arrival_us", "i8"), ("instance", "i8")]
+    return np.dtype(head + list(fields), align=True)
+
+
+DTYPES: Mapping[Kind, np.dtype[Any]] = {
+    Kind.IMU: _dtype(
+        ("specific_force_b_mps2", "f8", (3,)),
+        ("angular_rate_b_radps", "f8", (3,)),
+    ),
+    Kind.PRESSURE: _dtype(
+        ("pressure_pa", "f8"),
+        ("die_temperature_k", "f8"),  # of the sensor, 10-30 K above the air
+        ("suspect", "i8"),
+    ),
+    Kind.GNSS: _dtype(
+        ("latitude_deg", "f8"),
+        ("longitude_deg", "f8"),
+        ("altitude_amsl_m", "f8"),
+        ("altitude_ellipsoid_m", "f8"),
+        ("ground_speed_mps", "f8"),
+        ("course_rad", "f8"),
+        ("climb_mps", "f8"),
+        ("horizontal_sd_m", "f8"),
+        ("vertical_sd_m", "f8"),  # as the receiver claims; NaN when it claims nothing
+        ("hdop", "f8"),
+        ("vdop", "f8"),
+        ("fix_type", "i8"),  # MAVLink GPS_FIX_TYPE: 3 is 3D
+        ("satellites", "i8"),  # -1 unknown
+    ),
+    Kind.ATTITUDE: _dtype(
+        ("roll_rad", "f8"),
+        ("pitch_rad", "f8"),
+        ("yaw_rad", "f8"),
+        ("angular_rate_b_radps", "f8", (3,)),
+    ),
+    Kind.RANGE: _dtype(
+        ("distance_m", "f8"),  # along the sensor's axis
+        ("downward", "i8"),  # 1 when it looks down
+    ),
+    Kind.AIR: _dtype(
+        ("air_temperature_k", "f8"),
+        ("qnh_pa", "f8"),
+    ),
+    Kind.STATUS: _dtype(
+        ("armed", "i8"),  # 1, 0, -1 unknown
+        ("landed", "i8"),  # 1 on ground, 0 in air, -1 unknown
+        ("reboot", "i8"),  # 1 when the vehicle's clock restarted: the estimator starts anew
+    ),
+    Kind.HOME: _dtype(
+        ("latitude_deg", "f8"),
+        ("longitude_deg", "f8"),
+        ("altitude_amsl_m", "f8"),
+    ),
+}
+
+ESTIMATE = np.dtype(
+    [
+        ("time_us", "i8"),
+        ("altitude_amsl_m", "f8"),
+        ("climb_mps", "f8"),
+        ("altitude_sd_m", "f8"),
+        ("climb_sd_mps", "f8"),
+        ("baro_offset_m", "f8"),  # altitude_amsl - geometric pressure altitude: what the weather does
+        ("innovation_m", "f8"),  # of the last GNSS height
+    ],
+    align=True,
+)
+
+HEIGHT = np.dtype([("time_us", "i8"), ("altitude_amsl_m", "f8"), ("climb_mps", "f8")], align=True)
+"""Truth (SIM_STATE) and the autopilot's own result (GLOBAL_POSITION_INT): compared with, never fed to an estimator."""
+
+ORDER = np.dtype([("kind", "i8"), ("row", "i8")], align=True)
+
+
+def rows(dtype: np.dtype[Any], count: int = 1) -> Rows:
+    """`count` rows of `dtype`: floats NaN, integers 0."""
+    array = np.zeros(count, dtype)
+    for name, (field, *_) in (dtype.fields or {}).items():
+        if field.base.kind == "f":
+            array[name] = np.nan
+    return readable(array)
+
+
+def readable(array: Rows) -> Rows:
+    """`array` in the form the steps expect: plain when compiled, a record array when not."""
+    return array if COMPILED else array.view(np.recarray)
+
+
+def sample(kind: Kind, time_us: int, **values: Any) -> Rows:
+    """One sample row, shape (1,), with the given fields set and the others unknown."""
+    row = rows(DTYPES[kind])
+    row["time_us"] = time_us
+    row["arrival_us"] = values.pop("arrival_us", time_us)
+    for name, value in values.items():
+        row[name] = value
+    return row
+
+
+class Tables(NamedTuple):
+    """What a compiled `run` loops over: the order of arrival and one table a kind (in the order of `Kind`)."""
+
+    order: Rows
+    imu: Rows
+    pressure: Rows
+    gnss: Rows
+    attitude: Rows
+    range: Rows
+    air: Rows
+    status: Rows
+    home: Rows
+
+
+class _Column:
+    """A structured array that grows by doubling."""
+
+    def __init__(self, dtype: np.dtype[Any]) -> None:
+        self.array: Rows = np.zeros(64, dtype)
+        self.size = 0
+
+    def append(self, row: Any) -> int:
+        if self.size == self.array.size:
+            self.array = np.concatenate([self.array, np.zeros_like(self.array)])
+        self.array[self.size] = row
+        self.size += 1
+        return self.size - 1
+
+    def view(self) -> Rows:
+        return readable(self.array[: self.size])
+
+
+class SampleLog:
+    """Samples in tables, with the order in which they arrived. A live system cannot sort, so neither does a log."""
+
+    def __init__(self) -> None:
+        self._columns = {kind: _Column(dtype) for kind, dtype in DTYPES.items()}
+        self._order = _Column(ORDER)
+        self._truth = _Column(HEIGHT)
+        self._autopilot = _Column(HEIGHT)
+
+    def append(self, kind: Kind, row: Rows) -> None:
+        """Add a one-element array of ``DTYPES[kind]``."""
+        self._order.append((kind, self._columns[kind].append(row[0])))
+
+    def append_truth(self, height: tuple[int, float, float]) -> None:
+        """Add (time_us, altitude_amsl_m, climb_mps) of a simulator's truth."""
+        self._truth.append(height)
+
+    def append_autopilot(self, height: tuple[int, float, float]) -> None:
+        """Add (time_us, altitude_amsl_m, climb_mps) of the autopilot's own estimate."""
+        self._autopilot.append(height)
+
+    @property
+    def truth(self) -> Rows:
+        return self._truth.view()
+
+    @property
+    def autopilot(self) -> Rows:
+        return self._autopilot.view()
+
+    @property
+    def tables(self) -> Tables:
+        return Tables(self._order.view(), *(self._columns[kind].view() for kind in Kind))
+
+    def __len__(self) -> int:
+        return self._order.size
+
+    def __getitem__(self, kind: Kind) -> Rows:
+        return self._columns[kind].view()

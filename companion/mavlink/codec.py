@@ -1,0 +1,215 @@
+"""MAVLink bytes <-> messages. No I/O, and no data makes it raise: what is not a frame is counted by `Cause`.
+
+Resynchronisation
+-----------------
+Losing real frames and inventing frames are the two ways to be wrong after a damaged byte. What decides here:
+
+- A frame whose checksum is right is a frame.
+- A frame of another dialect (see `framing`) with a start byte or nothing behind it is skipped by its length, so that
+  its payload cannot be mistaken for frames.
+- Everything else that looks like a start is not one. The search goes on one byte later, so that a stray 0xFD swallows
+  none of the good frames behind it. If none turns up before its claimed end it was a damaged frame and counts as one;
+  otherwise its bytes were junk.
+
+The frames found do not depend on how the stream was cut into chunks. The price: a stray start byte holds back the
+frames behind it until its claimed length (280 bytes at most) has arrived. On a live link, `Decoder.flush` when the line
+has been silent for longer than a frame lasts, or use ``Decoder(datagrams=True)`` where a packet holds whole frames.
+"""
+
+from collections import Counter
+from collections.abc import Callable
+from functools import cache
+from typing import Any, NamedTuple, TypeAlias
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.mavlink.framing import (
+    CHECKSUM,
+    CRC_EXTRA,
+    FOREIGN,
+    MAX_FRAME_SIZE,
+    V1_HEADER,
+    V1_LENGTHS,
+    V2_HEADER,
+    Cause,
+    Frame,
+    extent,
+    mcrf4xx,
+    next_start,
+    scan,
+)
+
+__all__ = ["MAX_FRAME_SIZE", "Cause", "Decoder", "Encoder", "Frame", "Message", "decode", "mavlink", "scan"]
+
+Message: TypeAlias = Any
+"""A pymavlink message: ``get_type()``, ``get_srcSystem()``, its fields as attributes in MAVLink's own units."""
+
+
+class Decoder:
+    """Cuts a stream of bytes into frames, and counts what was none.
+
+    With ``datagrams=True`` every `feed` is complete in itself: a frame cut at the end of one is dropped, and delays
+    nothing in the next.
+    """
+
+    def __init__(self, *, datagrams: bool = False) -> None:
+        self.counters: Counter[Cause] = Counter()
+        self.frames = 0
+        self._datagrams = datagrams
+        self._rest = b""
+        # The failed start whose claimed extent is being searched: why it failed, its length, and what is left of that.
+        self._suspect: Cause | None = None
+        self._suspect_size = 0
+        self._suspect_left = 0
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """The frames that are complete now. At most `MAX_FRAME_SIZE` bytes are kept for the next call."""
+        return self._cut(self._rest + data, final=self._datagrams)
+
+    def flush(self) -> list[Frame]:
+        """Give up waiting for the rest of what was kept, and return the frames that this sets free."""
+        return self._cut(self._rest, final=True)
+
+    def decode(self, frame: Frame) -> Message | None:
+        """`decode`, with a failure counted."""
+        message = decode(frame)
+        if message is None:
+            self.counters[Cause.DECODE] += 1
+        return message
+
+    def _cut(self, buffer: bytes, *, final: bool) -> list[Frame]:
+        frames: list[Frame] = []
+        offset, size = 0, len(buffer)
+        while offset < size:
+            found = scan(buffer, offset)
+            if isinstance(found, Frame):
+                frames.append(found)
+                offset += len(found.data)
+                self._clear_suspect()
+                continue
+            if found is None:
+                if not final:
+                    break
+                found = Cause.TRUNCATED
+            end = self._pass(buffer, offset, found, final=final)
+            if end is None:
+                break
+            offset = end
+        if final:
+            self._convict_suspect()
+        self._rest = buffer[offset:]
+        self.frames += len(frames)
+        return frames
+
+    def _pass(self, buffer: bytes, offset: int, cause: Cause, *, final: bool) -> int | None:
+        """Count what is at `offset` and return where to go on; None when the next byte must be known first."""
+        if cause in FOREIGN:
+            end = offset + extent(buffer, offset)
+            if end == len(buffer) and not final:
+                return None
+            if next_start(buffer[end : end + 1], 0) == 0:
+                self._clear_suspect()
+                self.counters[cause] += 1
+                return end
+        if self._suspect is None and cause is not Cause.JUNK:
+            self._suspect = cause
+            self._suspect_size = self._suspect_left = extent(buffer, offset)
+        end = next_start(buffer, offset + 1)
+        searched = end - offset
+        if self._suspect is not None:
+            self._suspect_left -= searched
+            searched = max(0, -self._suspect_left)
+            if self._suspect_left <= 0:
+                self._convict_suspect()
+        self.counters[Cause.JUNK] += searched
+        return end
+
+    def _convict_suspect(self) -> None:
+        """No frame began inside the suspect: it was a damaged one."""
+        if self._suspect is not None:
+            self.counters[self._suspect] += 1
+            self._suspect = None
+
+    def _clear_suspect(self) -> None:
+        """A frame began inside the suspect: what came before it was junk."""
+        if self._suspect is not None:
+            self.counters[Cause.JUNK] += self._suspect_size - self._suspect_left
+            self._suspect = None
+
+
+class _Layout(NamedTuple):
+    """How to make a message from its payload."""
+
+    make: Callable[..., Message]
+    unpack: Callable[[bytes], tuple[Any, ...]]
+    size: int
+    fields: list[int | slice]
+    """where the constructor's arguments are in the unpacked tuple (the wire sorts them by size)"""
+    numbers_only: bool
+
+
+@cache
+def _layout(message_id: int) -> _Layout:
+    kind = mavlink.mavlink_map[message_id]
+    fields: list[int | slice] = []
+    for order in kind.orders:
+        first, length = sum(kind.lengths[:order]), kind.lengths[order]
+        fields.append(first if length == 1 else slice(first, first + length))
+    numbers_only = max(kind.lengths) == 1 and "char" not in kind.fieldtypes
+    return _Layout(kind, kind.unpacker.unpack_from, kind.unpacker.size, fields, numbers_only)
+
+
+def decode(frame: Frame) -> Message | None:
+    """The message in `frame`, as pymavlink would give it (but twice as fast), or None when pymavlink refuses it."""
+    data = frame.data
+    length = data[1]
+    head, flags = (V2_HEADER, (data[2], data[3])) if frame.version == 2 else (V1_HEADER, (0, 0))
+    try:
+        make, unpack, size, fields, numbers_only = _layout(frame.message_id)
+        # MAVLink 2 does not send the zeros at the end of a payload, MAVLink 1 not the extension fields.
+        values = unpack(data[head : head + length].ljust(size, b"\0"))
+        arguments = [values[index] for index in fields]
+        message = make(*(arguments if numbers_only else map(_field, arguments)))
+    except Exception:  # whatever a generated constructor may raise, a frame from outside must not stop us
+        return None
+    message._header = mavlink.MAVLink_header(
+        frame.message_id, *flags, length, frame.sequence, frame.system_id, frame.component_id
+    )
+    message._msgbuf = data
+    message._payload = data[head : head + length]
+    message._crc = data[head + length] | data[head + length + 1] << 8
+    return message
+
+
+def _field(value: Any) -> Any:
+    if isinstance(value, bytes):
+        return value.rstrip(b"\0")
+    return list(value) if isinstance(value, tuple) else value
+
+
+class Encoder:
+    """Messages -> frames of one sender, with its sequence numbers. Frames are not signed."""
+
+    def __init__(self, system_id: int, component_id: int) -> None:
+        self._mav = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=component_id)
+
+    def encode(self, message: Message, version: int = 2) -> bytes:
+        """The frame in MAVLink `version` 1 or 2; ``b""`` if MAVLink 1 cannot carry the message (ids above 255).
+
+        Raises struct.error for a value that its field cannot hold: a bug of the caller, not data.
+        """
+        if version == 1 and message.id > 0xFF:
+            return b""
+        data: bytes = message.pack(self._mav, force_mavlink1=version == 1)
+        self._mav.seq = (self._mav.seq + 1) % 256
+        return _without_extensions(data) if version == 1 else data
+
+
+def _without_extensions(data: bytes) -> bytes:
+    """MAVLink 1 has no extension fields, and old receivers refuse a frame that is too long; pymavlink sends them."""
+    size = V1_LENGTHS[data[5]].start
+    if data[1] <= size:
+        return data
+    body = bytes([size]) + data[2 : V1_HEADER + size]
+    crc = mcrf4xx(body + bytes([CRC_EXTRA[data[5]]]))
+    return data[:1] + body + crc.to_bytes(CHECKSUM, "little")

@@ -1,0 +1,131 @@
+"""What a MAVLink frame is: where it ends, and whether its checksum is right. Pure functions of bytes.
+
+A frame begins with 0xFD (MAVLink 2) or 0xFE (MAVLink 1) and carries its length, so it can be cut out unread. Its
+checksum covers everything but the first byte, and ends with one byte that is not sent: CRC_EXTRA, a hash of the
+message's definition. So a frame that fails can still tell whether it was damaged, or is whole and of another dialect: then its
+checksum is right with some other CRC_EXTRA (which one damaged frame in 256 is by chance).
+"""
+
+import re
+import struct
+from collections.abc import Callable
+from enum import StrEnum
+from typing import Any, NamedTuple
+
+from fastcrc import crc16
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+V1, V2 = 0xFE, 0xFD
+V1_HEADER, V2_HEADER = 6, 10
+CHECKSUM, SIGNATURE = 2, 13
+MAX_FRAME_SIZE = V2_HEADER + 255 + CHECKSUM + SIGNATURE
+_SIGNED = 0x01  # the only incompatibility flag there is
+_START = re.compile(rb"[\xfd\xfe]")
+
+
+def _v1_lengths(kind: Any) -> range:
+    """From the size without extensions (fields with a default, last on the wire) to the size with them."""
+    count = len(kind.fieldnames) - len(kind.__init__.__defaults__ or ())
+    codes = kind.native_format.decode().lstrip("<")[:count]
+    base = "".join(f"{length or 1}{code}" for code, length in zip(codes, kind.array_lengths[:count], strict=True))
+    return range(struct.calcsize("<" + base), kind.unpacker.size + 1)
+
+
+mcrf4xx: Callable[..., int] = crc16.mcrf4xx
+_CRC_TABLE = [mcrf4xx(bytes([value]), 0) for value in range(256)]
+_CRC_STEPS = frozenset(_CRC_TABLE)
+CRC_EXTRA: dict[int, int] = {number: kind.crc_extra for number, kind in mavlink.mavlink_map.items()}
+V1_LENGTHS: dict[int, range] = {number: _v1_lengths(kind) for number, kind in mavlink.mavlink_map.items()}
+"""Payload lengths by message id. They must fit, or MAVLink 1 finds a frame in every 2 MB of noise."""
+
+
+class Frame(NamedTuple):
+    """One whole frame with a correct checksum. Signatures are not verified."""
+
+    data: bytes
+    """from the start byte to the end of the checksum, or of the signature"""
+    message_id: int
+    system_id: int
+    component_id: int
+    sequence: int
+    version: int
+    """1 or 2"""
+    signed: bool
+
+
+class Cause(StrEnum):
+    """Why bytes did not become a message. JUNK counts bytes, all others count frames."""
+
+    JUNK = "junk bytes"
+    """outside any frame"""
+    CRC = "bad checksum"
+    """damaged on the way"""
+    DIALECT = "other dialect"
+    """undamaged, but by another definition of a message id we know"""
+    UNKNOWN_ID = "unknown message"
+    """undamaged, with a message id that we do not know"""
+    FLAGS = "unknown flags"
+    """incompatibility flags other than "signed": MAVLink forbids to read on"""
+    TRUNCATED = "cut frame"
+    """the stream, datagram or log ended inside it"""
+    DECODE = "bad payload"
+    """a good frame with a payload that pymavlink refuses"""
+    TIMESTAMP = "bad time stamp"
+    """a good frame of a log, with a time that cannot be"""
+
+
+FOREIGN = frozenset({Cause.DIALECT, Cause.UNKNOWN_ID})
+"""The causes that leave no doubt about where the frame ends."""
+
+
+def extent(buffer: bytes, offset: int) -> int:
+    """The length in bytes which the start byte at `offset` claims for its frame (all there is, if unknowable)."""
+    available = len(buffer) - offset
+    if available >= 3 and buffer[offset] == V2:
+        signature = SIGNATURE if buffer[offset + 2] & _SIGNED else 0
+        return buffer[offset + 1] + V2_HEADER + CHECKSUM + signature
+    if available >= 2 and buffer[offset] == V1:
+        return buffer[offset + 1] + V1_HEADER + CHECKSUM
+    return available
+
+
+def scan(buffer: bytes, offset: int = 0) -> Frame | Cause | None:
+    """What begins at `offset`: a frame, the reason why none does, or None when that takes more bytes."""
+    available = len(buffer) - offset
+    if available <= 0:
+        return None
+    start = buffer[offset]
+    if start not in (V1, V2):
+        return Cause.JUNK
+    if available < 3:
+        return None
+    version, header, flags = (2, V2_HEADER, buffer[offset + 2]) if start == V2 else (1, V1_HEADER, 0)
+    if flags & ~_SIGNED:
+        return Cause.FLAGS
+    length = buffer[offset + 1]
+    body = offset + header + length
+    end = body + CHECKSUM + (SIGNATURE if flags else 0)
+    if end > offset + available:
+        return None
+    if version == 2:
+        sequence, system_id, component_id, low, middle, high = buffer[offset + 4 : offset + header]
+        message_id = low | middle << 8 | high << 16
+    else:
+        sequence, system_id, component_id, message_id = buffer[offset + 2 : offset + header]
+
+    crc = mcrf4xx(buffer[offset + 1 : body])
+    # The last step of the checksum is table[(crc ^ extra) & 255] ^ crc >> 8, with CRC_EXTRA the byte that is not sent.
+    step = (buffer[body] | buffer[body + 1] << 8) ^ crc >> 8
+    extra = CRC_EXTRA.get(message_id)
+    known = extra is not None and (version == 2 or length in V1_LENGTHS[message_id])
+    if known and _CRC_TABLE[(crc ^ extra) & 0xFF] == step:
+        return Frame(buffer[offset:end], message_id, system_id, component_id, sequence, version, bool(flags))
+    if step not in _CRC_STEPS:
+        return Cause.CRC
+    return Cause.UNKNOWN_ID if extra is None else Cause.DIALECT
+
+
+def next_start(buffer: bytes, offset: int) -> int:
+    """Where the next start byte at or after `offset` is; the end of the buffer if there is none."""
+    match = _START.search(buffer, offset)
+    return match.start() if match else len(buffer)

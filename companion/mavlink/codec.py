@@ -107,7 +107,7 @@ class Decoder:
             end = offset + extent(buffer, offset)
             if end == len(buffer) and not final:
                 return None
-            if next_start(buffer[end : end + 1], 0) == 0:
+            if end == len(buffer) or next_start(buffer, end) == end:
                 self._clear_suspect()
                 self.counters[cause] += 1
                 return end

@@ -2,8 +2,8 @@
 
 A frame begins with 0xFD (MAVLink 2) or 0xFE (MAVLink 1) and carries its length, so it can be cut out unread. Its
 checksum covers everything but the first byte, and ends with one byte that is not sent: CRC_EXTRA, a hash of the
-message's definition. So a frame that fails can still tell whether it was damaged, or is whole and of another dialect: then its
-checksum is right with some other CRC_EXTRA (which one damaged frame in 256 is by chance).
+message's definition. So a frame that fails can still tell whether it was damaged, or is whole and of another dialect:
+then its checksum is right with some other CRC_EXTRA (which one damaged frame in 256 is by chance).
 """
 
 import re
@@ -116,13 +116,14 @@ def scan(buffer: bytes, offset: int = 0) -> Frame | Cause | None:
     crc = mcrf4xx(buffer[offset + 1 : body])
     # The last step of the checksum is table[(crc ^ extra) & 255] ^ crc >> 8, with CRC_EXTRA the byte that is not sent.
     step = (buffer[body] | buffer[body + 1] << 8) ^ crc >> 8
-    extra = CRC_EXTRA.get(message_id)
-    known = extra is not None and (version == 2 or length in V1_LENGTHS[message_id])
-    if known and _CRC_TABLE[(crc ^ extra) & 0xFF] == step:
-        return Frame(buffer[offset:end], message_id, system_id, component_id, sequence, version, bool(flags))
     if step not in _CRC_STEPS:
         return Cause.CRC
-    return Cause.UNKNOWN_ID if extra is None else Cause.DIALECT
+    extra = CRC_EXTRA.get(message_id)
+    if extra is None:
+        return Cause.UNKNOWN_ID
+    if _CRC_TABLE[(crc ^ extra) & 0xFF] != step or (version == 1 and length not in V1_LENGTHS[message_id]):
+        return Cause.DIALECT
+    return Frame(buffer[offset:end], message_id, system_id, component_id, sequence, version, bool(flags))
 
 
 def next_start(buffer: bytes, offset: int) -> int:

@@ -1,0 +1,247 @@
+"""Telemetry logs (.tlog): one record a frame, a big-endian 64-bit UNIX time in microseconds and then the frame's bytes.
+
+There is no header, no index and no checksum around a record, and what ground stations leave behind is often damaged:
+junk at the start, zeros where the disk was full, a last frame cut short, a clock that was never set. So `TlogReader`
+trusts as little as it needs to:
+
+- Records that follow each other without a gap are taken at their word; the time may step either way, and a clock that
+  says 1970 or 2908 is passed on as it is. Only a time after the year 3000 is refused, with its frame.
+- A frame that fails where a record was due is skipped by its length when it is whole but of another dialect, or when
+  the next record, or nothing, follows it.
+- Otherwise the reader is lost and looks for the next frame with a good checksum whose time is within a day of its
+  neighbours': the last good record and the one behind it. That keeps it from inventing frames out of junk, and
+  from making a time out of junk for a real one.
+
+Ground stations built on pymavlink keep a link number in the lowest two bits of the time; it is left there.
+"""
+
+import math
+import os
+import struct
+from collections import Counter
+from collections.abc import Generator, Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import BinaryIO, Self
+
+from companion.errors import LogFormatError
+from companion.mavlink.codec import MAX_FRAME_SIZE, Cause, Decoder, Frame, scan
+from companion.mavlink.framing import FOREIGN, extent, next_start
+from companion.samples import Packet
+
+_STAMP = struct.Struct(">Q")
+_LAST_TIME_US = 32_503_680_000_000_000  # the year 3000
+_NEIGHBOUR_US = 86_400_000_000
+_CHUNK = 1 << 18
+_LOOKAHEAD = 4 * (_STAMP.size + MAX_FRAME_SIZE)  # a record, the one behind it, and some
+_PROBE_BYTES = 1 << 24
+_FLUSH_US = 1_000_000
+
+_OTHER_FILES = (
+    (b"\xa3\x95", "an ArduPilot dataflash log (.bin); use the ground station's .tlog of that flight"),
+    (b"FMT,", "an ArduPilot dataflash log in text (.log); use the ground station's .tlog of that flight"),
+    (b"ULog", "a PX4 log (.ulg); use the ground station's .tlog of that flight"),
+    (b"\xd4\xc3\xb2\xa1", "a network capture (pcap); record a .tlog instead"),
+    (b"\x0a\x0d\x0d\x0a", "a network capture (pcapng); record a .tlog instead"),
+    (b"\x1f\x8b", "a gzip archive: unpack it first"),
+    (b"\xfd7zXZ", "an xz archive: unpack it first"),
+    (b"PK\x03\x04", "a zip archive: unpack it first"),
+    (b"version https://git-lfs", "a Git LFS pointer: run `git lfs pull`"),
+)
+
+
+class TlogReader:
+    """The good frames of a tlog in file order, as `Packet`. Every iteration starts anew; one at a time.
+
+    ``counters`` tell what was left out in the current iteration: JUNK in bytes (all that was skipped to find the next
+    record), the other causes in frames. The memory used does not depend on the size of the file.
+
+    Raises `LogFormatError` when the file cannot be read or has no good frame in its first 16 MB.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self.counters: Counter[Cause] = Counter()
+        self.size_bytes = 0
+        self._restart()
+        self._probe()
+        self._restart()
+
+    def __iter__(self) -> Iterator[Packet]:
+        return self._packets(math.inf)
+
+    def _restart(self) -> None:
+        self.counters.clear()
+        self.frames = 0
+        self.position_bytes = 0
+        """how far the iteration is, of ``size_bytes``"""
+        self._time_us: int | None = None
+        self._lost = False
+
+    def _packets(self, stop_bytes: float) -> Generator[Packet, None, None]:
+        self._restart()
+        with _opened(self.path) as file:
+            self.size_bytes = os.fstat(file.fileno()).st_size
+            buffer, at_end = b"", False
+            while not at_end and self.position_bytes < stop_bytes:
+                chunk = _read(file, self.path)
+                at_end = len(chunk) < _CHUNK
+                buffer += chunk
+                offset, start = 0, self.position_bytes
+                limit = len(buffer) if at_end else len(buffer) - _LOOKAHEAD
+                while offset < limit:
+                    frame = Cause.JUNK if self._lost else scan(buffer, offset + _STAMP.size)
+                    if not isinstance(frame, Frame):
+                        offset = self._recover(buffer, offset, limit, frame)
+                        continue
+                    (time_us,) = _STAMP.unpack_from(buffer, offset)
+                    offset += _STAMP.size + len(frame.data)
+                    if time_us > _LAST_TIME_US:
+                        self.counters[Cause.TIMESTAMP] += 1
+                        continue
+                    self._time_us = time_us
+                    self.frames += 1
+                    self.position_bytes = start + offset
+                    yield Packet(time_us, frame.data)
+                self.position_bytes = start + offset
+                buffer = buffer[offset:]
+
+    def _recover(self, buffer: bytes, offset: int, limit: int, cause: Cause | None) -> int:
+        """Where to go on when no good frame is where one was due; with `cause` None the file ends inside it."""
+        end = offset + _STAMP.size + extent(buffer, offset + _STAMP.size)
+        certain = cause in FOREIGN or end == len(buffer) or _record_time_us(buffer, end) is not None
+        if cause is not None and cause is not Cause.JUNK and certain and _time_us(buffer, offset) is not None:
+            self.counters[cause] += 1
+            return end
+        found = self._find(buffer, offset, limit)
+        self._lost = found is None
+        if found is None and cause is None:
+            self.counters[Cause.TRUNCATED] += 1
+            return len(buffer)
+        end = limit if found is None else found
+        self.counters[Cause.JUNK] += end - offset
+        return end
+
+    def _find(self, buffer: bytes, offset: int, limit: int) -> int | None:
+        """The next record that begins at or after `offset` and before `limit`, if there is one to believe in."""
+        at = next_start(buffer, offset + _STAMP.size)
+        while at - _STAMP.size < limit and at < len(buffer):
+            frame = scan(buffer, at)
+            if not isinstance(frame, Frame):
+                at = next_start(buffer, at + 1)
+                continue
+            if self._is_believable(buffer, at - _STAMP.size, at + len(frame.data)):
+                return at - _STAMP.size
+            self.counters[Cause.TIMESTAMP] += 1
+            at = next_start(buffer, at + len(frame.data))
+        return None
+
+    def _is_believable(self, buffer: bytes, offset: int, end: int) -> bool:
+        """Whether the time at `offset` is near that of the last good record, or of the record that follows at `end`."""
+        time_us = _time_us(buffer, offset)
+        if time_us is None:
+            return False
+        neighbours = [time for time in (self._time_us, _record_time_us(buffer, end)) if time is not None]
+        if not neighbours:
+            return end == len(buffer)
+        return any(abs(time_us - neighbour) <= _NEIGHBOUR_US for neighbour in neighbours)
+
+    def _probe(self) -> None:
+        """Raise `LogFormatError` unless there is something to read."""
+        with closing(self._packets(_PROBE_BYTES)) as packets:
+            if next(packets, None) is not None:
+                return
+        with _opened(self.path) as file:
+            found = _describe(_read(file, self.path), self.counters)
+        raise LogFormatError(f"{self.path}: not a telemetry log (.tlog): {found}")
+
+
+class TlogWriter:
+    """Writes a tlog that other ground stations can play, replacing the file if there is one.
+
+    A killed process loses at most the last second. Raises `LogFormatError` when the file cannot be written.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self._flushed_us: int | None = None
+        try:
+            self._file = self.path.open("wb")
+        except FileNotFoundError as error:
+            raise LogFormatError(f"{self.path}: the folder {self.path.parent} does not exist: create it") from error
+        except OSError as error:
+            raise self._failure(error) from error
+
+    def write(self, time_us: int, frame: bytes) -> None:
+        """Append one whole frame that was read or sent at `time_us` (UNIX microseconds)."""
+        try:
+            self._file.write(_STAMP.pack(time_us) + frame)
+            if self._flushed_us is None or not 0 <= time_us - self._flushed_us < _FLUSH_US:
+                self._file.flush()
+                self._flushed_us = time_us
+        except OSError as error:
+            raise self._failure(error) from error
+
+    def close(self) -> None:
+        """Write what is buffered and close the file; closing twice does no harm."""
+        try:
+            self._file.close()
+        except OSError as error:
+            raise self._failure(error) from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def _failure(self, error: OSError) -> LogFormatError:
+        return LogFormatError(f"{self.path}: cannot be written: {error.strerror or error}")
+
+
+def _time_us(buffer: bytes, offset: int) -> int | None:
+    """The time at `offset`, if it is one."""
+    time_us = int.from_bytes(buffer[offset : offset + _STAMP.size])
+    return time_us if time_us <= _LAST_TIME_US else None
+
+
+def _record_time_us(buffer: bytes, offset: int) -> int | None:
+    """The time of the record that seems to begin at `offset`, judged by its time and start byte alone."""
+    at = offset + _STAMP.size
+    return _time_us(buffer, offset) if at < len(buffer) and next_start(buffer, at) == at else None
+
+
+def _opened(path: Path) -> BinaryIO:
+    try:
+        return path.open("rb")
+    except FileNotFoundError as error:
+        raise LogFormatError(f"{path}: no such file") from error
+    except IsADirectoryError as error:
+        raise LogFormatError(f"{path}: is a folder; name a .tlog file in it") from error
+    except OSError as error:
+        raise LogFormatError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def _read(file: BinaryIO, path: Path) -> bytes:
+    try:
+        return file.read(_CHUNK)
+    except OSError as error:
+        raise LogFormatError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def _describe(head: bytes, counters: Counter[Cause]) -> str:
+    """What a file without a good record seems to be, and what to do."""
+    if not head:
+        return "the file is empty"
+    for magic, name in _OTHER_FILES:
+        if head.startswith(magic):
+            return f"it looks like {name}"
+    if not head.strip(b"\0"):
+        return "it begins with nothing but zeros"
+    if counters[Cause.TIMESTAMP]:
+        return "its frames have impossible times (after the year 3000)"
+    if len(Decoder(datagrams=True).feed(head)) > 2:
+        return "it holds MAVLink frames without times (a raw capture): record it as .tlog"
+    if head.isascii() and b"\0" not in head:
+        return "it looks like text"
+    return "no MAVLink frame of a known dialect was found in it"

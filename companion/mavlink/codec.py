@@ -121,7 +121,8 @@ class Decoder:
             searched = max(0, -self._suspect_left)
             if self._suspect_left <= 0:
                 self._convict_suspect()
-        self.counters[Cause.JUNK] += searched
+        if searched:
+            self.counters[Cause.JUNK] += searched
         return end
 
     def _convict_suspect(self) -> None:

@@ -1,0 +1,201 @@
+"""The command ``kollsman-sim``. The only module of the simulator that prints.
+
+What is heavy (JSBSim, NumPy, pymavlink) is imported by the commands, so that ``--help`` is instant.
+"""
+
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from companion.errors import KollsmanError
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bar
+
+    from companion.links import Link
+    from sim.flight import Flight, Progress, Summary
+
+app = typer.Typer(
+    name="kollsman-sim",
+    help="JSBSim flies a real aircraft model through weather and speaks MAVLink as an autopilot would.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+
+_FLY_EXAMPLES = """\b
+Examples:
+  As fast as possible to a log:
+    kollsman-sim fly short-hop --tlog hop.tlog
+  In real time to a ground station or the companion:
+    kollsman-sim fly weather-change --link udpout:127.0.0.1:14550
+  Twenty times as fast, to whoever connects, and to a log:
+    kollsman-sim fly weather-change --link tcpin:0.0.0.0:5760 --speed 20 --tlog flight.tlog
+  Your own scenario, another dice:
+    kollsman-sim fly my-scenario.yaml --seed 7 --tlog flight.tlog
+"""
+
+
+def _usage(message: str) -> typer.Exit:
+    """Say in one line what is wrong with the command line; the exception ends with code 2."""
+    print(f"kollsman-sim: {message}", file=sys.stderr)
+    return typer.Exit(2)
+
+
+def _speed(text: str) -> float | None:
+    """A factor of real time; None is as fast as possible."""
+    if text == "max":
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.01 <= value <= 1000.0:
+        raise _usage(f"--speed '{text}' is neither 'max' nor a number from 0.01 to 1000")
+    return value
+
+
+@app.command(epilog=_FLY_EXAMPLES)
+def fly(
+    scenario: Annotated[str, typer.Argument(help="Name of a scenario (see `list`), or the path of a .yaml file.")],
+    *,
+    link: Annotated[
+        list[str] | None, typer.Option(help="Where to speak MAVLink; may be given several times.", metavar="URL")
+    ] = None,
+    tlog: Annotated[Path | None, typer.Option(help="Record everything at full rate.", metavar="OUT")] = None,
+    speed: Annotated[
+        str, typer.Option(help="Times real time, or max. Default: 1 with a link, max to a log alone.", metavar="X|max")
+    ] = "",
+    seed: Annotated[int | None, typer.Option(min=0, help="In place of the scenario's; same seed, same bytes.")] = None,
+    all_streams: Annotated[
+        bool, typer.Option("--all-streams", help="Links get the log's rates unasked, instead of ArduPlane's 1 Hz.")
+    ] = False,
+) -> None:
+    """Fly one scenario to a link, a log, or both."""
+    links = link or []
+    if not links and tlog is None:
+        raise _usage("nowhere to fly to: give a --link URL, a --tlog FILE, or both")
+    pace = _speed(speed or ("1" if links else "max"))
+
+    from companion.links import open_link  # noqa: PLC0415
+    from sim.flight import Flight  # noqa: PLC0415
+    from sim.scenario import load_scenario  # noqa: PLC0415
+
+    config = load_scenario(scenario)
+    opened = [open_link(url) for url in links]
+    try:
+        flight = Flight(config, links=opened, tlog=tlog, seed=seed, all_streams=all_streams, speed=pace)
+        summary = run_with_progress(flight)
+    finally:
+        for each in opened:
+            each.close()
+    print_summary(summary, tlog, opened)
+
+
+@app.command(name="list")
+def list_scenarios() -> None:
+    """Show the scenarios that come with the simulator."""
+    from rich.console import Console  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+
+    from sim.scenario import load_scenario, scenario_paths  # noqa: PLC0415
+
+    table = Table(box=None, pad_edge=False)
+    table.add_column("scenario", style="bold")
+    table.add_column("aircraft")
+    table.add_column("what it is, and what it should show")
+    for name in scenario_paths():
+        scenario = load_scenario(name)
+        table.add_row(name, scenario.aircraft, f"{scenario.summary} {scenario.expected}".strip())
+    Console().print(table)
+
+
+def run_with_progress(flight: "Flight") -> "Summary":
+    """Fly with a progress line on stderr; SIGINT and SIGTERM end the flight in good order."""
+    from rich.console import Console  # noqa: PLC0415
+    from rich.progress import Progress as ProgressBar
+    from rich.progress import SpinnerColumn, TextColumn  # noqa: PLC0415
+
+    columns = (SpinnerColumn(), TextColumn("{task.description}"))
+    console = Console(stderr=True)
+    progress = ProgressBar(*columns, console=console, transient=True, disable=not console.is_terminal)
+    with progress as bar, _stopped_by_signals(flight):
+        return flight.run(_reporter(bar, flight.scenario.name))
+
+
+def _reporter(bar: "Bar", name: str) -> "Callable[[Progress], None]":
+    task = bar.add_task(name, total=None)
+
+    def report(progress: "Progress") -> None:
+        minutes, seconds = divmod(int(progress.time_s), 60)
+        bar.update(
+            task,
+            description=f"{name}  {minutes:3d}:{seconds:02d}  {progress.truth.altitude_amsl_m:6.0f} m  "
+            f"{progress.truth.climb_mps:+5.1f} m/s  {progress.speed_ratio:5.1f}x  {progress.leg}",
+        )
+
+    return report
+
+
+@contextmanager
+def _stopped_by_signals(flight: "Flight") -> Iterator[None]:
+    def stop(*_: object) -> None:
+        flight.stop()
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def print_summary(summary: "Summary", tlog: Path | None, links: "list[Link]") -> None:
+    """What was flown, sent and heard."""
+    minutes, seconds = divmod(summary.duration_s, 60)
+    state = "flown" if summary.completed else "stopped"
+    print(
+        f"{state}: {minutes:.0f} min {seconds:.1f} s of flight in {summary.elapsed_s:.1f} s "
+        f"({summary.speed_ratio:.1f}x real time)"
+    )
+    where = ", ".join([*([str(tlog)] if tlog else []), *(link.url for link in links)])
+    total = summary.sent.total()
+    print(f"sent: {total} messages, {summary.sent_bytes / 1e6:.2f} MB to {where}", end="")
+    print(f" ({summary.dropped} dropped: nobody there)" if summary.dropped else "")
+    print("  " + ", ".join(f"{name} {count}" for name, count in summary.sent.most_common()))
+    if links:
+        _print_heard(summary)
+
+
+def _print_heard(summary: "Summary") -> None:
+    heard = summary.heard
+    if not heard.counts:
+        print("heard: nothing")
+        return
+    print(f"heard: {heard.counts.total()} messages, {summary.received_bytes / 1e6:.2f} MB")
+    sources: dict[tuple[int, int], list[str]] = {}
+    for (system_id, component_id, name), count in heard.counts.most_common():
+        sources.setdefault((system_id, component_id), []).append(f"{name} {count}")
+    for (system_id, component_id), names in sorted(sources.items()):
+        print(f"  {system_id}/{component_id}: {', '.join(names)}")
+    if heard.altitude is not None and heard.altitude_us is not None:
+        print(f"  last ALTITUDE: {heard.altitude.altitude_amsl:.1f} m AMSL at {heard.altitude_us / 1e6:.1f} s")
+
+
+def main() -> None:
+    """Entry point: an error that the user can act on is one line on stderr and exit code 1; wrong usage is 2."""
+    try:
+        app()
+    except KollsmanError as error:
+        print(f"kollsman-sim: {error}", file=sys.stderr)
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

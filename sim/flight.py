@@ -1,0 +1,260 @@
+"""One simulated flight in lockstep, and its pace.
+
+    flight = Flight(load_scenario("short-hop"), tlog=Path("hop.tlog"))
+    summary = flight.run()
+
+Within a tick: weather, dynamics, truth, sensors, autopilot, what the links brought, what the vehicle sends. Only `run`
+looks at the host's clock, and only to wait.
+"""
+
+import contextlib
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from companion.clock import Clock, SystemClock
+from companion.errors import SimulationError
+from companion.links import Link
+from companion.logs.tlog import TlogWriter
+from sim import BOOT_UNIX_US, STEPS_PER_TICK
+from sim.aircraft import Aircraft, Truth
+from sim.autopilot import UPDATE_HZ, Autopilot, Mode
+from sim.estimate import OwnEstimate
+from sim.ports import Port
+from sim.profile import Profile
+from sim.scenario import Scenario
+from sim.sensors.barometer import Barometer
+from sim.sensors.gnss import GnssReceiver
+from sim.sensors.imu import Imu
+from sim.vehicle import Heard, Vehicle
+from sim.weather import Weather
+
+MOTION_US = 1_000_000 // UPDATE_HZ
+"""truth, autopilot and the quickest IMU: every second tick"""
+_WEATHER_US = 100_000
+_LATE_S = 0.5
+"""Further behind than this, the pace gives the time up for lost instead of rushing after it."""
+_REPORT_US = 1_000_000
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a flight is; a callback gets it once a simulated second."""
+
+    time_s: float
+    truth: Truth
+    leg: str
+    speed_ratio: float
+    """simulated seconds in one of the host's, so far"""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a flight came to."""
+
+    duration_s: float
+    completed: bool
+    """False when it was stopped"""
+    elapsed_s: float
+    sent: Counter[str]
+    """messages by name, over all ports"""
+    sent_bytes: int
+    dropped: int
+    received_bytes: int
+    heard: Heard
+
+    @property
+    def speed_ratio(self) -> float:
+        return self.duration_s / self.elapsed_s if self.elapsed_s > 0 else float("inf")
+
+
+class Flight:
+    """A scenario, an aircraft in it, and where its telemetry goes.
+
+    Parameters
+    ----------
+    links
+        Already open; the caller closes them.
+    tlog
+        A log of everything sent at full rate, and of everything the links brought.
+    seed
+        In place of the scenario's.
+    all_streams
+        Links get the log's rates instead of ArduPlane's 1 Hz.
+    speed
+        Simulated seconds a real one; None is as fast as possible.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        *,
+        links: Sequence[Link] = (),
+        tlog: Path | None = None,
+        seed: int | None = None,
+        all_streams: bool = False,
+        speed: float | None = None,
+        clock: Clock | None = None,
+    ) -> None:
+        self.scenario = scenario
+        self.time_us = 0
+        self._clock = clock or SystemClock()
+        self._speed = speed
+        self._stopped = False
+        self._airborne = False
+        self._received_bytes = 0
+        seed = scenario.seed if seed is None else seed
+        self._start_aircraft(seed)
+        self._start_sensors(seed)
+        self._writer = TlogWriter(tlog) if tlog is not None else None
+        self.vehicle = Vehicle(
+            OwnEstimate(scenario.sensors.estimate, seed, MOTION_US * 1e-6), self._record if self._writer else None
+        )
+        self._links = [
+            (link, Port(link.url, link.send, scenario.streams_hz if all_streams else {}, full=all_streams))
+            for link in links
+        ]
+        for _, port in self._links:
+            self.vehicle.add_port(port)
+        if self._writer is not None:
+            self.vehicle.add_port(Port(str(tlog), self._log, scenario.streams_hz, full=True))
+
+    def _start_aircraft(self, seed: int) -> None:
+        scenario, runway = self.scenario, self.scenario.runway
+        self.autopilot = Autopilot(scenario.aircraft)
+        self.profile = Profile(scenario.profile, self.autopilot.gains, runway.elevation_m, runway.heading_deg)
+        self.aircraft = Aircraft(
+            scenario.aircraft,
+            latitude_deg=runway.latitude_deg,
+            longitude_deg=runway.longitude_deg,
+            field_elevation_m=runway.elevation_m,
+            heading_deg=runway.heading_deg,
+            seed=seed,
+        )
+        self.weather = Weather(scenario.weather, self.aircraft)
+        self.aircraft.settle()
+
+    def _start_sensors(self, seed: int) -> None:
+        sensors = self.scenario.sensors
+        self.barometer = Barometer(sensors.barometer, seed)
+        self.gnss = GnssReceiver(sensors.gnss, seed)
+        self.imu = Imu(sensors.imu, seed)
+
+    # The loop
+
+    def run(self, progress: Callable[[Progress], None] | None = None) -> Summary:
+        """Fly to the end of the profile, or until `stop`. The log is closed whatever happens.
+
+        Raises `SimulationError` when the flight leaves reality or outlasts the scenario's ``limit_s``.
+        """
+        started_s = time.perf_counter()
+        with contextlib.ExitStack() as stack:
+            if self._writer is not None:
+                stack.callback(self._writer.close)
+            self._loop(progress, started_s)
+        return self._summary(time.perf_counter() - started_s)
+
+    def stop(self) -> None:
+        """End `run` after the present tick; may be called from a signal handler."""
+        self._stopped = True
+
+    def _loop(self, progress: Callable[[Progress], None] | None, started_s: float) -> None:
+        limit_us = self.scenario.limit_s * 1e6
+        origin_us, flown_us = self._clock.now_us(), 0
+        while not self._stopped and not self.profile.done:
+            self.tick()
+            if self.time_us > limit_us:
+                raise SimulationError(
+                    f"'{self.scenario.name}' is not over after limit_s = {self.scenario.limit_s:g} s: "
+                    f"still '{self.profile.describe()}'"
+                )
+            if self._speed is not None:
+                ahead_s = (self.time_us - flown_us) * 1e-6 / self._speed - (self._clock.now_us() - origin_us) * 1e-6
+                if ahead_s > 0.0:
+                    self._clock.sleep_s(ahead_s)
+                elif ahead_s < -_LATE_S:
+                    origin_us, flown_us = self._clock.now_us(), self.time_us
+            truth = self.vehicle.state.truth
+            if progress is not None and truth is not None and self.time_us % _REPORT_US == 0:
+                elapsed_s = time.perf_counter() - started_s
+                progress(Progress(self.time_us * 1e-6, truth, self.profile.describe(), self.time_us * 1e-6 / elapsed_s))
+
+    def tick(self) -> None:
+        """Advance by one tick of `sim.TICK_US`."""
+        if self.time_us % _WEATHER_US == 0:
+            self.weather.update(self.time_us * 1e-6)
+        self.aircraft.advance(STEPS_PER_TICK)
+        self.time_us = self.aircraft.time_us
+        state = self.vehicle.state
+        state.time_us = self.time_us
+        if self.time_us % MOTION_US == 0:
+            self._motion()
+        if self.time_us % self.barometer.period_us == 0:
+            self.vehicle.on_pressure(self.barometer.measure(self.time_us, *self.aircraft.air()))
+        fix = self.gnss.deliver(self.time_us)
+        if fix is not None:
+            self.vehicle.on_fix(fix)
+        for link, port in self._links:
+            data = link.receive(0.0)
+            if data:
+                self._received_bytes += len(data)
+                self.vehicle.receive(port, data)
+        self.vehicle.stream()
+
+    def _motion(self) -> None:
+        """What happens at 50 Hz: truth, autopilot, IMU, GNSS, the vehicle's own estimate."""
+        state = self.vehicle.state
+        state.truth = truth = self.aircraft.truth()
+        self._fly(truth)
+        if self.time_us % self.imu.period_us == 0:
+            state.motion = self.aircraft.mean_motion()
+            state.imu = self.imu.measure(self.time_us, state.motion)
+        if self.time_us % self.gnss.period_us == 0:
+            self.gnss.measure(truth)
+        state.attitude_rad = self.vehicle.estimate.attitude(truth)
+        state.position = self.vehicle.estimate.position(self.time_us)
+
+    def _fly(self, truth: Truth) -> None:
+        before = self.profile.describe()
+        target = self.profile.update(truth)
+        controls = self.autopilot.update(truth, target)
+        self.aircraft.set_surfaces(controls.elevator, controls.aileron, controls.rudder)
+        self.aircraft.set_engine(controls.throttle)
+        self.aircraft.set_brakes(controls.brake)
+        if target.mode is not Mode.PARKED and not self.vehicle.state.armed:
+            self.vehicle.arm()
+        if self.profile.describe() != before:
+            self.vehicle.say(f"Mission: {self.profile.describe()}")
+        if target.mode not in (Mode.PARKED, Mode.TAKE_OFF) and truth.on_ground:
+            raise SimulationError(
+                f"at {truth.time_us / 1e6:.2f} s the aircraft hit the ground during '{self.profile.describe()}', "
+                f"sinking at {truth.down_mps:.1f} m/s"
+            )
+
+    # Where telemetry goes
+
+    def _log(self, frame: bytes) -> bool:
+        self._record(self.time_us, frame)
+        return True
+
+    def _record(self, time_us: int, frame: bytes) -> None:
+        if self._writer is not None:
+            self._writer.write(BOOT_UNIX_US + time_us, frame)
+
+    def _summary(self, elapsed_s: float) -> Summary:
+        ports = self.vehicle.ports
+        sent: Counter[str] = Counter()
+        for port in ports:
+            sent += port.sent
+        return Summary(
+            duration_s=self.time_us * 1e-6,
+            completed=self.profile.done,
+            elapsed_s=elapsed_s,
+            sent=sent,
+            sent_bytes=sum(port.sent_bytes for port in ports),
+            dropped=sum(port.dropped for port in ports),
+            received_bytes=self._received_bytes,
+            heard=self.vehicle.heard,
+        )

@@ -1,0 +1,102 @@
+"""A scenario: what is flown, in which weather, with which sensors. YAML holds what differs from the defaults here."""
+
+import importlib.resources
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from companion.config import Settings, load
+from companion.errors import SimulationError
+from sim.estimate import EstimateConfig
+from sim.ports import check_rates
+from sim.profile import Leg, TakeOff
+from sim.sensors.barometer import BarometerConfig
+from sim.sensors.gnss import GnssConfig
+from sim.sensors.imu import ImuConfig
+from sim.weather import WeatherConfig
+
+_REPOSITORY = Path(__file__).parent.parent / "config" / "scenarios"
+
+
+class Sensors(Settings):
+    """Noise parameters, a group a sensor."""
+
+    barometer: BarometerConfig = BarometerConfig()
+    gnss: GnssConfig = GnssConfig()
+    imu: ImuConfig = ImuConfig()
+    estimate: EstimateConfig = EstimateConfig()
+
+
+class Runway(Settings):
+    """Where the flight begins."""
+
+    latitude_deg: Annotated[float, Field(ge=-89.0, le=89.0)] = 47.0
+    longitude_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = 8.0
+    elevation_m: Annotated[float, Field(ge=-400.0, le=5000.0)] = 300.0
+    heading_deg: Annotated[float, Field(ge=0.0, lt=360.0)] = 90.0
+
+
+class Scenario(Settings):
+    """One flight. Everything but its name, summary and profile has a default."""
+
+    name: Annotated[str, Field(min_length=1, max_length=60, pattern=r"^[a-z0-9][a-z0-9-]*$")]
+    summary: Annotated[str, Field(min_length=1, max_length=200)]
+    expected: str = ""
+    """what the flight should show"""
+    aircraft: str = "c172p"
+    seed: Annotated[int, Field(ge=0, le=2**31 - 1)] = 1
+    limit_s: Annotated[float, Field(gt=0.0, le=200_000.0)] = 7200.0
+    """a flight that lasts longer has gone wrong"""
+    runway: Runway = Runway()
+    profile: Annotated[tuple[Leg, ...], Field(min_length=1)]
+    weather: WeatherConfig = WeatherConfig()
+    sensors: Sensors = Sensors()
+    streams_hz: dict[str, Annotated[float, Field(ge=0.0, le=50.0)]] = Field(default_factory=dict)
+    """rates by message name, in place of the full set of a log (and, with --all-streams, of a link)"""
+
+    @model_validator(mode="after")
+    def _can_be_flown(self) -> "Scenario":
+        check_rates(self.streams_hz)
+        legs = [leg.leg for leg in self.profile]
+        if "take_off" in legs:
+            first = legs.index("take_off")
+            if any(leg != "wait" for leg in legs[:first]) or any(
+                leg in ("wait", "take_off") for leg in legs[first + 1 :]
+            ):
+                raise ValueError("a profile is: wait, take_off, then climb, hold and descend in any order")
+        elif any(leg != "wait" for leg in legs):
+            raise ValueError("a profile that flies has a take_off after its waits")
+        for leg in self.profile:
+            altitude_m = getattr(leg, "altitude_amsl_m", None)
+            if altitude_m is not None and altitude_m < self.runway.elevation_m + 50.0:
+                raise ValueError(
+                    f"altitude_amsl_m {altitude_m:g} is not 50 m above the runway at {self.runway.elevation_m:g} m"
+                )
+        return self
+
+    @property
+    def takes_off(self) -> bool:
+        return any(isinstance(leg, TakeOff) for leg in self.profile)
+
+
+def scenario_paths() -> dict[str, Path]:
+    """The scenarios that come with the simulator: of the checkout, or of the installed package."""
+    folder = _REPOSITORY if _REPOSITORY.is_dir() else Path(str(importlib.resources.files("sim"))) / "scenarios"
+    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+
+
+def load_scenario(name_or_path: str | Path) -> Scenario:
+    """A scenario by the path of its file or by name.
+
+    Raises `SimulationError` when there is no such scenario, `ConfigError` when its file cannot be used.
+    """
+    path = Path(name_or_path)
+    if path.suffix in (".yaml", ".yml"):
+        return load(path, Scenario)
+    known = scenario_paths()
+    if str(name_or_path) not in known:
+        raise SimulationError(
+            f"no scenario '{name_or_path}': there are {', '.join(known)} (or give the path of a .yaml file)"
+        )
+    return load(known[str(name_or_path)], Scenario)

@@ -1,0 +1,54 @@
+"""Sensors, one file each, and what their random streams have in common.
+
+Every sensor draws from a stream of its own, keyed by its name: adding a sensor, changing its seed or its parameters
+leaves the samples of all others untouched. Within a sensor every noise process has its own stream too.
+"""
+
+import math
+import zlib
+from collections.abc import Iterator
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from companion.config import Settings
+
+_BLOCK = 4096
+
+
+class SensorConfig(Settings):
+    """What all sensors can be told."""
+
+    seed: Annotated[int, Field(ge=0)] | None = None
+    """of this sensor alone; without it, the flight's"""
+
+
+def normals(seed: int, *names: str) -> Iterator[float]:
+    """Standard normal numbers for ever: the same for the same seed and names, independent of every other stream.
+
+    Drawn in blocks: one number costs 0.03 us, a call of the generator 1 us.
+    """
+    keys = tuple(zlib.crc32(name.encode()) for name in names)
+    generator = np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=keys)))
+    while True:
+        yield from generator.standard_normal(_BLOCK).tolist()
+
+
+class GaussMarkov:
+    """First-order Gauss-Markov process, stationary from the start.
+
+    x(k+1) = a x(k) + sd sqrt(1 - a^2) n(k) with a = exp(-dt / time constant); autocovariance sd^2 exp(-|tau| / time
+    constant) [Gelb, Applied Optimal Estimation, 1974, eq. 3.8-29]. Exact for any spacing dt.
+    """
+
+    def __init__(self, sd: float, time_constant_s: float, dt_s: float, noise: Iterator[float]) -> None:
+        self._keep = math.exp(-dt_s / time_constant_s)
+        self._drive = sd * math.sqrt(1.0 - self._keep**2)
+        self._noise = noise
+        self.value = sd * next(noise)
+
+    def step(self) -> float:
+        """Advance by dt and return the new value."""
+        self.value = self._keep * self.value + self._drive * next(self._noise)
+        return self.value

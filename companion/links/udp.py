@@ -1,0 +1,131 @@
+"""UDP both ways: `UdpIn` waits for peers and answers them, `UdpOut` speaks first. One datagram a `receive`."""
+
+import contextlib
+import socket
+import time
+
+from companion.clock import Clock
+from companion.links.base import Backoff, BaseLink, readable
+from companion.links.sockets import Address, listener, resolve
+from companion.links.urls import Endpoint
+
+PEER_LIFETIME_S = 60.0
+"""A peer not heard for so long is gone. mavp2p uses the same."""
+MAX_PEERS = 16
+DATAGRAM_SIZE = 65535
+RECEIVE_BUFFER_SIZE = 1 << 20
+"""Several seconds of telemetry; the kernel grants what its net.core.rmem_max allows."""
+
+
+class UdpIn(BaseLink):
+    """Listens. Sends to every peer heard in the last 60 s, so that a vehicle that comes back from another port and
+    a ground station beside it both hear us; of more than 16 the longest silent is forgotten."""
+
+    def __init__(self, endpoint: Endpoint, clock: Clock) -> None:
+        self._socket = listener(endpoint, socket.SOCK_DGRAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_SIZE)
+        super().__init__(str(endpoint._replace(number=self._socket.getsockname()[1])), clock)
+        self._heard_us: dict[Address, int] = {}  # longest silent first
+
+    def _receive(self, timeout_s: float) -> bytes:
+        self._forget_silent()
+        try:
+            if not readable(self._socket, timeout_s):
+                return b""
+            data, peer = self._socket.recvfrom(DATAGRAM_SIZE)
+        except OSError:  # the fate of an earlier datagram of ours
+            return b""
+        self._heard_us.pop(peer, None)
+        self._heard_us[peer] = self._clock.now_us()
+        if len(self._heard_us) > MAX_PEERS:
+            del self._heard_us[next(iter(self._heard_us))]
+        self._found(f"heard {peer[0]}:{peer[1]}")
+        return data
+
+    def _send(self, data: bytes) -> bool:
+        self._forget_silent()
+        sent = [self._send_to(peer, data) for peer in self._heard_us]
+        return any(sent)
+
+    def _send_to(self, peer: Address, data: bytes) -> bool:
+        try:
+            self._socket.sendto(data, peer)
+        except OSError:
+            return False
+        return True
+
+    def _forget_silent(self) -> None:
+        oldest_us = self._clock.now_us() - round(PEER_LIFETIME_S * 1e6)
+        while self._heard_us:
+            peer, heard_us = next(iter(self._heard_us.items()))
+            if heard_us >= oldest_us:
+                return
+            del self._heard_us[peer]
+        self._lost("no peer heard for a minute")
+
+    def _close(self) -> None:
+        self._socket.close()
+
+
+class UdpOut(BaseLink):
+    """Calls one host and port. OPEN once it answered; it is LOST when its computer says that nobody listens there
+    (ICMP port unreachable) or after 60 s of silence, and is called all the same."""
+
+    def __init__(self, endpoint: Endpoint, clock: Clock) -> None:
+        super().__init__(str(endpoint), clock)
+        self._family, self._address = resolve(endpoint, socket.SOCK_DGRAM)[0]
+        self._socket = self._connect()
+        self._renewal = Backoff(clock)
+        self._heard_us = clock.now_us()
+
+    def _connect(self) -> socket.socket:
+        """Once connected, the kernel drops other people's datagrams and reports refusals."""
+        connected = socket.socket(self._family, socket.SOCK_DGRAM)
+        connected.setblocking(False)
+        connected.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_SIZE)
+        with contextlib.suppress(OSError):  # no route yet: sending says so too, and renews the socket
+            connected.connect(self._address)
+        return connected
+
+    def _receive(self, timeout_s: float) -> bytes:
+        if self._clock.now_us() - self._heard_us > round(PEER_LIFETIME_S * 1e6):
+            self._lost("silent for a minute")
+        deadline_s = time.monotonic() + timeout_s
+        while readable(self._socket, max(0.0, deadline_s - time.monotonic())):
+            try:
+                data = self._socket.recv(DATAGRAM_SIZE)
+            except BlockingIOError:  # a datagram with a bad checksum
+                continue
+            except OSError as error:
+                self._lost(error)
+                continue
+            self._heard_us = self._clock.now_us()
+            self._renewal.succeeded()
+            self._found("answered")
+            return data
+        return b""
+
+    def _send(self, data: bytes) -> bool:
+        try:
+            self._socket.send(data)
+        except BlockingIOError:
+            return False
+        except ConnectionRefusedError as error:  # of an earlier datagram; this one did not go out
+            self._lost(error)
+            return False
+        except OSError as error:
+            self._lost(error)
+            self._renew()
+            return False
+        return True
+
+    def _renew(self) -> None:
+        """A connected socket keeps the source address of an interface that may be gone (Wi-Fi roamed): start anew."""
+        if self._renewal.wait_s() <= 0.0:
+            self._renewal.failed()
+            with contextlib.suppress(OSError):  # out of file descriptors: keep the old one
+                stale, self._socket = self._socket, self._connect()
+                stale.close()
+
+    def _close(self) -> None:
+        self._socket.close()

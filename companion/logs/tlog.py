@@ -238,10 +238,10 @@ def _describe(head: bytes, counters: Counter[Cause]) -> str:
             return f"it looks like {name}"
     if not head.strip(b"\0"):
         return "it begins with nothing but zeros"
+    if (two := b"".join(frame.data for frame in Decoder(datagrams=True).feed(head)[:2])) and two in head:
+        return "it holds MAVLink frames without times (a raw capture); record a .tlog instead"
     if counters[Cause.TIMESTAMP]:
         return "its frames have impossible times (after the year 3000)"
-    if len(Decoder(datagrams=True).feed(head)) > 2:
-        return "it holds MAVLink frames without times (a raw capture): record it as .tlog"
     if head.isascii() and b"\0" not in head:
         return "it looks like text"
     return "no MAVLink frame of a known dialect was found in it"

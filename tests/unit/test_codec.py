@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from companion.mavlink.codec import MAX_FRAME_SIZE, Cause, Decoder, Encoder, Frame, decode, mavlink, scan
@@ -71,6 +71,7 @@ def differently(data: bytes, sizes: list[int]) -> list[bytes]:
     return [data[start:end] for start, end in pairwise(edges)]
 
 
+@settings(deadline=None)
 @given(st.lists(st.tuples(junk_st, frames_st), min_size=1, max_size=8), junk_st)
 def test_junk_between_frames_loses_none_and_invents_none(parts: list[tuple[bytes, bytes]], tail: bytes) -> None:
     stream = b"".join(junk + data for junk, data in parts) + tail
@@ -94,6 +95,7 @@ def _inside(at: int, starts: set[int], stream: bytes) -> bool:
     return before is not None and isinstance(frame, Frame) and at < before + len(frame.data)
 
 
+@settings(deadline=None)
 @given(
     st.lists(st.one_of(junk_st, frames_st, frames_st.map(lambda data: data[: len(data) // 2])), max_size=12),
     st.lists(st.integers(1, 300), min_size=1, max_size=6),
@@ -256,6 +258,7 @@ def test_sequence_wraps_and_does_not_skip() -> None:
     assert encoder.encode(MESSAGES[0])[4] == 300 % 256
 
 
+@settings(deadline=None)
 @given(st.sampled_from(sorted(mavlink.mavlink_map)), st.binary(max_size=255), st.sampled_from([1, 2]))
 def test_decodes_any_payload_as_pymavlink_does(message_id: int, payload: bytes, version: int) -> None:
     if version == 1:

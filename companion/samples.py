@@ -65,7 +65,7 @@ class Suspicion(IntEnum):
 
     NONE = 0
     DATUM = 1
-    """pressure that contradicts credible GNSS height by more than any weather can"""
+    """barometer and GNSS contradict each other by more than any weather can, and this is the one that moved"""
 
 
 def _dtype(*fields: tuple[Any, ...]) -> np.dtype[Any]:
@@ -97,6 +97,7 @@ DTYPES: Mapping[Kind, np.dtype[Any]] = {
         ("vdop", "f8"),
         ("fix_type", "i8"),  # MAVLink GPS_FIX_TYPE: 3 is 3D
         ("satellites", "i8"),  # -1 unknown
+        ("suspect", "i8"),
     ),
     Kind.ATTITUDE: _dtype(
         ("roll_rad", "f8"),

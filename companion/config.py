@@ -1,0 +1,174 @@
+"""Typed YAML: every key optional, defaults in code beside what they tune, one clear line for every mistake.
+
+A section of a file is a `Settings` model that lives in the module it tunes; `load` reads a file into one. The unit of a
+value is the suffix of its key, its range is declared with ``Field(ge=..., le=...)``, and both appear in the error:
+
+    companion.yaml:7: publish.altitude_hz: 500 is out of range; give a number from 0.1 to 100 (Hz)
+"""
+
+import difflib
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
+
+from companion.errors import ConfigError
+
+UNITS = {
+    "_m": "m", "_mps": "m/s", "_mps2": "m/s2", "_radps": "rad/s", "_rad": "rad", "_deg": "degrees", "_pa": "Pa",
+    "_hpa": "hPa", "_hpa_per_h": "hPa/h", "_k": "K", "_s": "s", "_us": "us", "_hz": "Hz", "_m2": "m2",
+}  # fmt: skip
+
+
+class Settings(BaseModel):
+    """Base of every section: unknown keys are errors, values do not change after loading."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, str_strip_whitespace=True)
+
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def load(path: Path | str, model: type[Model]) -> Model:
+    """Read the YAML file at `path` into `model`.
+
+    Raises
+    ------
+    ConfigError
+        One line: file, line, key, what was given, what is allowed and in which unit.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise ConfigError(f"{path}: no such file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read as text: {error}") from None
+    try:
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
+        _refuse_duplicates(path, root)
+        values = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from None
+    values = {} if values is None else values
+    if not isinstance(values, dict):
+        raise ConfigError(f"{path}: must hold `key: value` lines, found a {type(values).__name__}")
+    return validate(values, model, source=str(path), root=root)
+
+
+def validate(values: dict[str, Any], model: type[Model], source: str, root: yaml.Node | None = None) -> Model:
+    """Check `values` against `model`; `source` names their origin in the error."""
+    try:
+        return model.model_validate(values)
+    except ValidationError as failure:
+        errors = failure.errors()
+        more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
+        line = _line_of(root, errors[0]["loc"])
+        place = f"{source}:{line}" if line else source
+        raise ConfigError(f"{place}: {_explain(errors[0], model)}{more}") from None
+
+
+def dump(model: BaseModel) -> str:
+    """The resolved configuration as YAML."""
+    return yaml.safe_dump(model.model_dump(mode="json", by_alias=True), sort_keys=False, allow_unicode=True)
+
+
+def unit_of(key: str) -> str:
+    """The unit that the suffix of `key` stands for, or an empty string."""
+    return next((unit for suffix, unit in sorted(UNITS.items(), key=lambda item: -len(item[0])) if key.endswith(suffix)), "")
+
+
+def range_of(field: FieldInfo) -> str:
+    """The allowed range of a numeric field in words, or an empty string."""
+    bounds = {name: getattr(item, name) for item in field.metadata for name in ("ge", "gt", "le", "lt") if hasattr(item, name)}
+    low = bounds.get("ge", bounds.get("gt"))
+    high = bounds.get("le", bounds.get("lt"))
+    if low is not None and high is not None:
+        text = f"from {low:g} to {high:g}"
+    elif low is not None:
+        text = f"of at least {low:g}" if "ge" in bounds else f"above {low:g}"
+    elif high is not None:
+        text = f"of at most {high:g}" if "le" in bounds else f"below {high:g}"
+    else:
+        text = ""
+    return text
+
+
+def _explain(error: ErrorDetails, model: type[BaseModel]) -> str:
+    key = ".".join(str(part) for part in error["loc"]) or "the file"
+    owner, field = _field_at(model, error["loc"])
+    name = str(error["loc"][-1]) if error["loc"] else ""
+    given = error["input"]
+    if error["type"] == "extra_forbidden":
+        known = [info.alias or field_name for field_name, info in owner.model_fields.items()] if owner else []
+        guess = difflib.get_close_matches(name, known, 1)
+        hint = f"did you mean `{guess[0]}`?" if guess else f"known here: {', '.join(known)}"
+        return f"{key}: unknown key; {hint}"
+    if error["type"] == "missing":
+        return f"{key}: this key is required"
+    unit = unit_of(next((str(part) for part in reversed(error["loc"]) if isinstance(part, str)), ""))
+    suffix = f" ({unit})" if unit else ""
+    span = range_of(field) if field else ""
+    shown = repr(given) if not isinstance(given, (dict, list)) or len(str(given)) < 60 else f"this {type(given).__name__}"
+    if error["type"] in {"greater_than", "greater_than_equal", "less_than", "less_than_equal", "finite_number"}:
+        return f"{key}: {shown} is out of range; give a number {span}{suffix}"
+    if error["type"] in {"float_type", "float_parsing", "int_type", "int_parsing", "int_from_float"}:
+        what = "a whole number" if error["type"].startswith("int") else "a number"
+        return f"{key}: {shown} is not {what}; give {what} {span}".rstrip() + suffix
+    return f"{key}: {shown}: {error['msg'].removeprefix('Value error, ')}{suffix}"
+
+
+def _field_at(model: type[BaseModel], location: tuple[int | str, ...]) -> tuple[type[BaseModel] | None, FieldInfo | None]:
+    """The model that owns the key at `location`, and the key's field where it has one."""
+    owner: type[BaseModel] | None = model
+    field: FieldInfo | None = None
+    for part in location:
+        if field is not None:
+            owner = _model_in(field.annotation)
+        if owner is None or not isinstance(part, str):
+            continue
+        named = {info.alias or name: info for name, info in owner.model_fields.items()}
+        field = named.get(part)
+        if field is None:
+            return owner, None
+    return owner, field
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    """The first model inside an annotation such as ``Section``, ``Section | None`` or ``list[Section]``."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((found for inner in getattr(annotation, "__args__", ()) if (found := _model_in(inner))), None)
+
+
+def _line_of(node: yaml.Node | None, location: tuple[int | str, ...]) -> int | None:
+    line = None
+    for part in location:
+        if isinstance(node, yaml.MappingNode):
+            pair = next(((key, value) for key, value in node.value if key.value == str(part)), None)
+            if pair is None:
+                break
+            line, node = pair[0].start_mark.line + 1, pair[1]
+        elif isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value):
+            node = node.value[part]
+            line = node.start_mark.line + 1
+        else:
+            break
+    return line
+
+
+def _refuse_duplicates(path: Path, node: yaml.Node | None) -> None:
+    """YAML lets a later key silently win over an earlier one; a configuration must not."""
+    if isinstance(node, yaml.MappingNode):
+        seen: set[str] = set()
+        for key, value in node.value:
+            if key.value in seen:
+                raise ConfigError(f"{path}:{key.start_mark.line + 1}: {key.value}: given twice")
+            seen.add(key.value)
+            _refuse_duplicates(path, value)
+    elif isinstance(node, yaml.SequenceNode):
+        for value in node.value:
+            _refuse_duplicates(path, value)

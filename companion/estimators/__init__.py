@@ -1,0 +1,11 @@
+"""The estimators: `ESTIMATORS` is the table that the command line, the tests and the benchmark read.
+
+Adding one is a module with a `Method` at its end, and a line here.
+"""
+
+from companion.estimators import adaptive_fusion
+from companion.estimators.method import Filter, Method, run_log
+
+ESTIMATORS: dict[str, Method] = {method.name: method for method in (adaptive_fusion.METHOD,)}
+
+__all__ = ["ESTIMATORS", "Filter", "Method", "run_log"]

@@ -1,0 +1,275 @@
+"""Adaptive baro/GPS data fusion.
+
+C. Hajiyev, U. Hacizade, D. Cilden-Guler, "Integration of Barometric and GPS Altimeters via Adaptive Data Fusion
+Algorithm", 2019. The paper's letters:
+
+==============  =========================  =============================================================
+h^B             ``baro``                   altitude of the standard atmosphere at the measured pressure (1)
+h^GPS           ``altitude_amsl_m``        GNSS height
+R_B, R_GPS      ``R_B, R_GPS``             variances of the two, m2
+Delta           ``delta``                  residual h^GPS - h^B (18)
+S               ``S``                      adaptive factor on R_B (30)
+K               ``K``                      gain (16), (27)
+P               ``P``                      R_GPS K (17): the paper's figure, not an error variance
+==============  =========================  =============================================================
+
+The fixed filter is maximum-likelihood weighting, h = h^B + K Delta with K = R_B / (R_B + R_GPS) (15)-(16). The adaptive
+one replaces R_B by S R_B whenever Delta^2 >= R_GPS + R_B (28), with S from (30), so that a barometer that no longer
+agrees with GNSS loses its weight. It needs no IMU and has no memory beyond the last residual.
+
+Errata
+------
+S is held at 1 where (28) does not fire: (31) as printed lets S become negative, with a pole of the estimate at
+Delta = 0. K rises with S (the text says it falls). (25) should let P tend to R_B.
+
+Departures
+----------
+- The paper has one GPS height with each barometer height. Here the correction K Delta of the last fix is held
+  between fixes and added to every new barometer height; Delta is formed with the barometer height at the fix's own time,
+  interpolated, since a fix arrives late.
+- Geometric height of the full standard atmosphere instead of (1), which is its troposphere in geopotential metres.
+- ``r_gnss``: the paper's constant 169 m2, or the variance that the receiver claims (default).
+- The estimate's ``altitude_sd_m`` is not sqrt(P). When (28) fires, the estimate is exactly h^GPS - R_GPS / Delta, with
+  mean square error about R_GPS + 3 R_GPS^2 / Delta^2: above plain GPS, never below it as P claims. When it does not
+  fire the error is that of (13) plus the unexplained part of (1-K) Delta. It grows while there is no fix, at the rate that
+  weather can move the pressure level.
+- Climb is the slope of the barometer height, smoothed over one second; the paper has none.
+- Without a barometer for two seconds the estimate is GNSS height alone.
+
+Breaks when
+-----------
+The air is not standard: (28) then fires always and the estimate is GNSS height, noisier than GNSS itself. Between fixes
+it is only as good as the barometer. The fixed filter keeps (1-K) of every barometer error for ever.
+"""
+
+import math
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from companion.atmosphere import baro_altitude_m
+from companion.config import Settings
+from companion.estimators.method import (
+    GNSS,
+    IGNORED,
+    PRESSURE,
+    STATUS,
+    USED,
+    Method,
+    forget,
+    gnss_sd_m,
+    judge_gnss,
+    judge_pressure,
+    place,
+    reset,
+    state_dtype,
+    tally,
+)
+from companion.jit import step
+from companion.ring import at, clear, push, ring_fields
+from companion.samples import Kind, Rows, Tables, readable, rows
+
+LOWEST_PA, HIGHEST_PA = 1_000.0, 120_000.0
+BARO_TIMEOUT_US = 2_000_000
+CLIMB_TIME_CONSTANT_S = 1.0
+RING_SIZE = 64
+
+STATE = state_dtype(
+    *ring_fields("baro", RING_SIZE),  # barometer heights of the last second or so
+    ("baro_m", "f8"),  # the newest of them
+    ("climb_mps", "f8"),
+    ("delta_m", "f8"),  # residual of the last fix (18)
+    ("K", "f8"),
+    ("S", "f8"),
+    ("P_m2", "f8"),
+    ("sd_m", "f8"),  # honest spread at the last fix
+)
+
+PARAMS = np.dtype(
+    [
+        ("adaptive", "i8"),
+        ("R_B_m2", "f8"),
+        ("R_GPS_m2", "f8"),  # NaN: as the receiver claims
+        ("gnss_sd_floor_m", "f8"),
+        ("gnss_sd_unknown_m", "f8"),
+        ("pressure_drift_mps", "f8"),
+    ],
+    align=True,
+)
+
+
+class AdaptiveFusionSettings(Settings):
+    """Section ``estimators.adaptive-fusion``."""
+
+    gain: Literal["adaptive", "fixed"] = "adaptive"
+    baro_variance_m2: float = Field(81.0, gt=0, le=1e6)
+    gnss_variance_m2: float | Literal["claimed"] = "claimed"
+    gnss_sd_floor_m: float = Field(1.0, gt=0, le=100)
+    gnss_sd_unknown_m: float = Field(13.0, gt=0, le=1000)
+    pressure_drift_mps: float = Field(0.01, ge=0, le=10)
+    """how fast weather may move the pressure level while there is no fix: .01 m/s is 4 hPa an hour"""
+
+    def params(self) -> Rows:
+        row = rows(PARAMS)
+        claimed = self.gnss_variance_m2 == "claimed"
+        row["adaptive"] = self.gain == "adaptive"
+        row["R_B_m2"] = self.baro_variance_m2
+        row["R_GPS_m2"] = math.nan if claimed else self.gnss_variance_m2
+        row["gnss_sd_floor_m"] = self.gnss_sd_floor_m
+        row["gnss_sd_unknown_m"] = self.gnss_sd_unknown_m
+        row["pressure_drift_mps"] = self.pressure_drift_mps
+        return row
+
+
+def init(params: Rows) -> Rows:
+    """A fresh state: nothing known."""
+    state = rows(STATE)
+    start(state)
+    return readable(state)
+
+
+@step
+def start(state: Rows) -> None:
+    """Forget everything but the counters."""
+    reset(state)
+    clear(state[0].baro_us, state[0].baro_values)
+    state[0].baro_m = math.nan
+    state[0].climb_mps = math.nan
+    state[0].delta_m = math.nan
+    state[0].K = math.nan
+    state[0].S = 1.0
+    state[0].P_m2 = math.nan
+    state[0].sd_m = math.nan
+
+
+@step
+def adaptive_factor(delta: float, R_B: float, R_GPS: float) -> float:
+    """S of (30) where the condition (28) holds, else 1 (erratum: (31) prints it unguarded)."""
+    if delta * delta >= R_GPS + R_B:
+        return (delta * delta - R_GPS) / R_B
+    return 1.0
+
+
+@step
+def gain(S: float, R_B: float, R_GPS: float) -> float:
+    """K of (27); with S = 1 that of (16)."""
+    return S * R_B / (S * R_B + R_GPS)
+
+
+@step
+def fused_sd_m(delta: float, S: float, K: float, R_B: float, R_GPS: float) -> float:
+    """Root mean square error to expect of h^B + K Delta (see Departures; not the paper's P)."""
+    if S > 1.0:
+        return math.sqrt(R_GPS + 3.0 * R_GPS * R_GPS / (delta * delta))
+    unexplained = max(0.0, delta * delta - R_B - R_GPS)
+    return math.sqrt(R_GPS * K + (1.0 - K) * (1.0 - K) * unexplained)
+
+
+@step
+def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
+    """h = h^B + K Delta (15), with the correction of the last fix."""
+    s = state[0]
+    if sample[0].instance != 0:
+        return tally(state, PRESSURE, IGNORED)
+    verdict = judge_pressure(state, sample, LOWEST_PA, HIGHEST_PA)
+    if verdict != USED:
+        return tally(state, PRESSURE, verdict)
+    baro = baro_altitude_m(sample[0].pressure_pa)
+    elapsed_s = (sample[0].time_us - s.last_us[PRESSURE, 0]) * 1e-6
+    if s.last_us[PRESSURE, 0] < 0 or elapsed_s > BARO_TIMEOUT_US * 1e-6:
+        s.climb_mps = math.nan
+    else:
+        slope = (baro - s.baro_m) / elapsed_s
+        weight = elapsed_s / (elapsed_s + CLIMB_TIME_CONSTANT_S)
+        s.climb_mps = slope if math.isnan(s.climb_mps) else s.climb_mps + weight * (slope - s.climb_mps)
+    s.baro_m = baro
+    place(state, PRESSURE, 0, sample[0].time_us)
+    push(s.baro_us, s.baro_values, sample[0].time_us, baro)
+    write_estimate(state, params, estimate)
+    return tally(state, PRESSURE, USED)
+
+
+@step
+def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
+    """Residual, adaptive factor and gain of a fix (18), (27), (28), (30)."""
+    s, p = state[0], params[0]
+    if sample[0].instance != 0:
+        return tally(state, GNSS, IGNORED)
+    verdict = judge_gnss(state, sample)
+    if verdict != USED:
+        return tally(state, GNSS, verdict)
+    place(state, GNSS, 0, sample[0].time_us)
+    sd_m = gnss_sd_m(sample, p.gnss_sd_floor_m, p.gnss_sd_unknown_m)
+    R_GPS = sd_m * sd_m if math.isnan(p.R_GPS_m2) else p.R_GPS_m2
+    baro = at(s.baro_us, s.baro_values, sample[0].time_us, BARO_TIMEOUT_US)
+    if math.isnan(baro):  # no barometer: GNSS alone, which is the limit R_B -> infinity
+        s.delta_m = math.nan
+        estimate[0].time_us = s.now_us
+        estimate[0].altitude_amsl_m = sample[0].altitude_amsl_m
+        estimate[0].climb_mps = sample[0].climb_mps
+        estimate[0].altitude_sd_m = math.sqrt(R_GPS)
+        return tally(state, GNSS, USED)
+    s.delta_m = sample[0].altitude_amsl_m - baro
+    s.S = adaptive_factor(s.delta_m, p.R_B_m2, R_GPS) if p.adaptive == 1 else 1.0
+    s.K = gain(s.S, p.R_B_m2, R_GPS)
+    s.P_m2 = R_GPS * s.K
+    s.sd_m = fused_sd_m(s.delta_m, s.S, s.K, p.R_B_m2, R_GPS)
+    write_estimate(state, params, estimate)
+    return tally(state, GNSS, USED)
+
+
+@step
+def write_estimate(state: Rows, params: Rows, estimate: Rows) -> None:
+    """The newest barometer height with the last fix's correction, and its spread grown by the time since."""
+    s = state[0]
+    if math.isnan(s.delta_m):
+        return
+    age_s = max(0.0, (s.now_us - s.last_us[GNSS, 0]) * 1e-6)
+    drift_m = params[0].pressure_drift_mps * age_s
+    estimate[0].time_us = s.last_us[PRESSURE, 0]
+    estimate[0].altitude_amsl_m = s.baro_m + s.K * s.delta_m
+    estimate[0].climb_mps = s.climb_mps
+    estimate[0].altitude_sd_m = math.sqrt(s.sd_m * s.sd_m + drift_m * drift_m)
+    estimate[0].baro_offset_m = s.K * s.delta_m
+    estimate[0].innovation_m = s.delta_m
+
+
+@step
+def on_status(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
+    """A reboot restarts the vehicle's clock: start anew."""
+    if sample[0].reboot == 1:
+        start(state)
+        forget(estimate)
+    return tally(state, STATUS, USED)
+
+
+@step
+def run(state: Rows, params: Rows, tables: Tables, estimates: Rows, verdicts: Rows) -> None:
+    """The steps over a whole log, in order of arrival."""
+    estimate = estimates[:0]
+    for i in range(tables.order.size):
+        kind, row = tables.order[i].kind, tables.order[i].row
+        if i > 0:
+            estimates[i] = estimates[i - 1]
+        estimate = estimates[i : i + 1]
+        if kind == PRESSURE:
+            verdicts[i] = on_pressure(state, params, tables.pressure[row : row + 1], estimate)
+        elif kind == GNSS:
+            verdicts[i] = on_gnss(state, params, tables.gnss[row : row + 1], estimate)
+        elif kind == STATUS:
+            verdicts[i] = on_status(state, params, tables.status[row : row + 1], estimate)
+
+
+METHOD = Method(
+    name="adaptive-fusion",
+    summary="maximum-likelihood weighting of barometer and GNSS, adaptive on their disagreement",
+    citation="Hajiyev, Hacizade, Cilden-Guler 2019",
+    settings=AdaptiveFusionSettings,
+    state=STATE,
+    init=init,
+    steps={Kind.PRESSURE: on_pressure, Kind.GNSS: on_gnss, Kind.STATUS: on_status},
+    run=run,
+    datum_invariant=True,
+    follows_baro_step=True,
+)

@@ -1,0 +1,226 @@
+"""What every estimator shares: the description of a method, the intake of a sample, and the live filter.
+
+An estimator is a pure step over a typed state. State and parameters are one-element structured arrays; each step
+
+    on_pressure(state, params, sample, estimate) -> verdict
+
+reads one sample, updates the state, writes the estimate and returns a `Verdict`. Live calls a step for each message;
+`run`, a compiled loop at the end of each estimator's module, does the same over the tables of a `SampleLog`.
+"""
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from companion.config import Settings
+from companion.jit import step
+from companion.samples import ESTIMATE, MAX_INSTANCES, Kind, Rows, SampleLog, Verdict, readable, rows
+
+Step = Callable[[Rows, Rows, Rows, Rows], int]
+
+DELAY_HORIZON_US = 1_000_000
+"""A sample this much older than the newest one can no longer be placed in time, and is STALE."""
+
+LOWEST_GNSS_M, HIGHEST_GNSS_M = -1000.0, 50_000.0
+HIGHEST_GNSS_SD_M = 50.0
+"""A fix that is worse than this says nothing about height."""
+LOWEST_DIE_K, HIGHEST_DIE_K = 200.0, 380.0
+"""What a pressure sensor's own thermometer can read: no part is rated beyond -40..+85 degC."""
+
+USED, GATED, STALE, INVALID, IGNORED = (int(verdict) for verdict in Verdict)
+IMU, PRESSURE, GNSS, ATTITUDE, RANGE, AIR, STATUS, HOME = (int(kind) for kind in Kind)
+
+
+def state_dtype(*fields: tuple[Any, ...]) -> np.dtype[Any]:
+    """A state's dtype: what every estimator needs to place samples in time and to count them, then its own fields."""
+    common = [
+        ("now_us", "i8"),  # time of the newest sample
+        ("last_us", "i8", (len(Kind), MAX_INSTANCES)),  # time of the newest sample of each kind and instance
+        ("verdicts", "i8", (len(Kind), len(Verdict))),  # counters
+    ]
+    return np.dtype(common + list(fields), align=True)
+
+
+@step
+def reset(state: Rows) -> None:
+    """Forget every instant: the vehicle's clock starts anew. Counters stay."""
+    state[0].now_us = -1
+    for kind in range(state[0].last_us.shape[0]):
+        for instance in range(state[0].last_us.shape[1]):
+            state[0].last_us[kind, instance] = -1
+
+
+@step
+def forget(estimate: Rows) -> None:
+    """Know nothing any more."""
+    estimate[0].altitude_amsl_m = math.nan
+    estimate[0].climb_mps = math.nan
+    estimate[0].altitude_sd_m = math.nan
+    estimate[0].climb_sd_mps = math.nan
+    estimate[0].baro_offset_m = math.nan
+    estimate[0].innovation_m = math.nan
+
+
+@step
+def tally(state: Rows, kind: int, verdict: int) -> int:
+    """Count a verdict, and return it."""
+    state[0].verdicts[kind, verdict] += 1
+    return verdict
+
+
+@step
+def is_stale(state: Rows, kind: int, instance: int, time_us: int) -> bool:
+    """Whether a sample comes too late: not newer than the last of its kind and instance, or beyond the delay horizon."""
+    return time_us <= state[0].last_us[kind, instance] or time_us < state[0].now_us - DELAY_HORIZON_US
+
+
+@step
+def place(state: Rows, kind: int, instance: int, time_us: int) -> None:
+    """Record that a sample of this time has been taken in."""
+    state[0].last_us[kind, instance] = time_us
+    state[0].now_us = max(state[0].now_us, time_us)
+
+
+@step
+def judge_pressure(state: Rows, sample: Rows, lowest_pa: float, highest_pa: float) -> int:
+    """USED for a pressure that an estimator may take in, else STALE or INVALID. NaN fails the range."""
+    if not 0 <= sample[0].instance < MAX_INSTANCES:
+        return INVALID
+    if not lowest_pa <= sample[0].pressure_pa <= highest_pa or sample[0].suspect != 0:
+        return INVALID
+    if sample[0].die_temperature_k < LOWEST_DIE_K or sample[0].die_temperature_k > HIGHEST_DIE_K:
+        return INVALID  # -135 degC comes with a garbage pressure; an unknown temperature passes
+    return STALE if is_stale(state, PRESSURE, sample[0].instance, sample[0].time_us) else USED
+
+
+@step
+def judge_gnss(state: Rows, sample: Rows) -> int:
+    """USED for a believable 3D fix, else STALE or INVALID.
+
+    A fix type of 3 alone is no proof: one slid by 700 m on the ground while its claimed accuracy admitted kilometres.
+    """
+    if not 0 <= sample[0].instance < MAX_INSTANCES or sample[0].fix_type < 3 or sample[0].suspect != 0:
+        return INVALID
+    if not LOWEST_GNSS_M <= sample[0].altitude_amsl_m <= HIGHEST_GNSS_M:
+        return INVALID
+    if gnss_sd_m(sample, 0.0, 0.0) > HIGHEST_GNSS_SD_M:
+        return INVALID
+    return STALE if is_stale(state, GNSS, sample[0].instance, sample[0].time_us) else USED
+
+
+@step
+def gnss_sd_m(sample: Rows, floor_m: float, unknown_m: float) -> float:
+    """Vertical spread of a GNSS height, not below `floor_m`.
+
+    As the receiver claims, else 2.5 m a unit of VDOP, else 5 m a unit of HDOP (vertical is about twice as bad), else
+    `unknown_m`.
+    """
+    sd_m = unknown_m
+    if sample[0].vertical_sd_m > 0.0:
+        sd_m = sample[0].vertical_sd_m
+    elif sample[0].vdop > 0.0:
+        sd_m = 2.5 * sample[0].vdop
+    elif sample[0].hdop > 0.0:
+        sd_m = 5.0 * sample[0].hdop
+    return max(floor_m, sd_m)
+
+
+@step
+def ignore(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
+    """The step of a kind that the estimator does not use: no effect, not counted (the caller knows)."""
+    return IGNORED
+
+
+@dataclass(frozen=True)
+class Method:
+    """An estimator: what it is called, what it uses, how it behaves, and its compiled parts."""
+
+    name: str
+    summary: str
+    citation: str
+    settings: type[Settings]
+    """pydantic model with the defaults and a method ``params() -> Rows``"""
+    state: np.dtype[Any]
+    init: Callable[[Rows], Rows]
+    """params -> a fresh state"""
+    steps: Mapping[Kind, Step]
+    """a kind that is missing here is IGNORED"""
+    run: Callable[..., None]
+    """run(state, params, tables, estimates, verdicts): the steps over a whole log"""
+    datum_invariant: bool
+    """the same flight one kilometre higher gives the same errors"""
+    follows_baro_step: bool
+    """a lasting step of the barometer ends up in the altitude"""
+    version: int = 1
+    """of the state's meaning; a checkpoint of another version is refused"""
+
+    @property
+    def uses(self) -> frozenset[Kind]:
+        return frozenset(self.steps)
+
+
+class Filter:
+    """One running estimator: a method, its parameters, its state and its latest estimate."""
+
+    def __init__(self, method: Method, settings: Settings | None = None) -> None:
+        self.method = method
+        self.settings = settings if settings is not None else method.settings()
+        self.params: Rows = self.settings.params()  # type: ignore[attr-defined]
+        self.state = method.init(self.params)
+        self.estimate = rows(ESTIMATE)
+        self._steps: list[Step] = [method.steps.get(kind, ignore) for kind in Kind]
+
+    def step(self, kind: Kind, sample: Rows) -> Verdict:
+        """Take in one sample (a one-element array of its kind's dtype)."""
+        return Verdict(self._steps[kind](self.state, self.params, sample, self.estimate))
+
+    @property
+    def is_valid(self) -> bool:
+        """Whether there is an altitude at all."""
+        return math.isfinite(self.estimate["altitude_amsl_m"][0])
+
+    def checkpoint(self) -> bytes:
+        """State and estimate as bytes that `restore` takes back, bit for bit."""
+        head = json.dumps(self._fingerprint()).encode()
+        return len(head).to_bytes(4, "little") + head + self.state.tobytes() + self.estimate.tobytes()
+
+    def restore(self, data: bytes) -> None:
+        """Continue from a `checkpoint` of the same method and version.
+
+        Raises
+        ------
+        ValueError
+            The checkpoint is of another method, version or layout.
+        """
+        size = int.from_bytes(data[:4], "little")
+        if data[4 : 4 + size] != json.dumps(self._fingerprint()).encode():
+            raise ValueError(f"this checkpoint is not one of {self.method.name} version {self.method.version}")
+        body = data[4 + size :]
+        if len(body) != self.state.nbytes + self.estimate.nbytes:
+            raise ValueError("this checkpoint is cut")
+        self.state = readable(np.frombuffer(body[: self.state.nbytes], self.method.state).copy())
+        self.estimate = readable(np.frombuffer(body[self.state.nbytes :], ESTIMATE).copy())
+
+    def _fingerprint(self) -> list[Any]:
+        return [self.method.name, self.method.version, repr(self.method.state), repr(ESTIMATE)]
+
+
+def run_log(method: Method, log: SampleLog, settings: Settings | None = None) -> tuple[Rows, Rows, Rows]:
+    """The compiled loop over a whole log.
+
+    Returns
+    -------
+    estimates : ESTIMATE rows, shape (len(log),), after each sample in order of arrival
+    verdicts : int array, shape (len(log),)
+    state : the final state, shape (1,)
+    """
+    params: Rows = (settings if settings is not None else method.settings()).params()  # type: ignore[attr-defined]
+    state = method.init(params)
+    estimates = rows(ESTIMATE, len(log))
+    verdicts = np.full(len(log), IGNORED, np.int64)
+    method.run(state, params, log.tables, estimates, verdicts)
+    return estimates, verdicts, state

@@ -1,0 +1,200 @@
+"""MAVLink messages -> readings in SI units: the only file that knows MAVLink's units and sentinels.
+
+A converter returns `Reading`s: the kind, the instance, the values in the order of the kind's dtype, and the time stamp
+with its base. Placing that stamp on the vehicle's clock is the work of `companion.intake`.
+"""
+
+import math
+from collections.abc import Callable
+from enum import Enum
+from typing import Any, NamedTuple
+
+from companion.mavlink.codec import Message, mavlink
+from companion.samples import Kind
+
+G0_MPS2 = 9.80665
+UNKNOWN_U16 = 65535
+UNKNOWN_U8 = 255
+NAN3 = (math.nan, math.nan, math.nan)
+
+
+class TimeBase(Enum):
+    """What a stamp counts from."""
+
+    BOOT = "microseconds since boot"
+    EITHER = "microseconds since boot or since 1970"
+    NONE = "no stamp: take the newest time heard"
+
+
+class Reading(NamedTuple):
+    """One measurement out of a message, in SI units."""
+
+    kind: Kind
+    base: TimeBase
+    stamp_us: int
+    instance: int
+    values: tuple[Any, ...]
+    """the fields of the kind's dtype behind ``instance``"""
+
+
+Readings = tuple[Reading, ...]
+
+
+def scaled_pressure(message: Message, instance: int) -> Readings:
+    """SCALED_PRESSURE/2/3: hPa; the temperature is the sensor die's, in centidegrees."""
+    values = (message.press_abs * 100.0, message.temperature * 0.01 + 273.15, 0)
+    return (Reading(Kind.PRESSURE, TimeBase.BOOT, message.time_boot_ms * 1000, instance, values),)
+
+
+def gps_raw(message: Message, instance: int) -> Readings:
+    """GPS_RAW_INT, GPS2_RAW: every extension field uses 0 for absent; eph, epv are DOP x 100, 65535 unknown.
+
+    GPS_RAW_INT has no vertical speed. A position of exactly 0, 0 is a receiver that does not know where it is.
+    """
+    nowhere = message.lat == 0 and message.lon == 0
+    values = (
+        math.nan if nowhere else message.lat * 1e-7,
+        math.nan if nowhere else message.lon * 1e-7,
+        math.nan if nowhere else message.alt * 1e-3,
+        _present(message.alt_ellipsoid, 1e-3),
+        _known_u16(message.vel, 0.01),
+        math.radians(_known_u16(message.cog, 0.01)),
+        math.nan,
+        _present(message.h_acc, 1e-3),
+        _present(message.v_acc, 1e-3),
+        _dop(message.eph),
+        _dop(message.epv),
+        message.fix_type,
+        -1 if message.satellites_visible == UNKNOWN_U8 else message.satellites_visible,
+        0,
+    )
+    return (Reading(Kind.GNSS, TimeBase.EITHER, message.time_usec, instance, values),)
+
+
+def attitude(message: Message) -> Readings:
+    """ATTITUDE: already in radians, forward-right-down."""
+    values = (message.roll, message.pitch, message.yaw, (message.rollspeed, message.pitchspeed, message.yawspeed))
+    return (Reading(Kind.ATTITUDE, TimeBase.BOOT, message.time_boot_ms * 1000, 0, values),)
+
+
+def attitude_quaternion(message: Message) -> Readings:
+    """ATTITUDE_QUATERNION: w, x, y, z of the rotation from body to NED."""
+    w, x, y, z = message.q1, message.q2, message.q3, message.q4
+    norm = math.sqrt(w * w + x * x + y * y + z * z)
+    if not 0.9 < norm < 1.1:
+        return ()
+    w, x, y, z = w / norm, x / norm, y / norm, z / norm
+    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    pitch = math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
+    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    values = (roll, pitch, yaw, (message.rollspeed, message.pitchspeed, message.yawspeed))
+    return (Reading(Kind.ATTITUDE, TimeBase.BOOT, message.time_boot_ms * 1000, 0, values),)
+
+
+def distance_sensor(message: Message) -> Readings:
+    """DISTANCE_SENSOR: centimetres; out of its own range, or of quality 1, it saw nothing."""
+    seen = message.min_distance <= message.current_distance <= message.max_distance and message.signal_quality != 1
+    distance_m = message.current_distance * 0.01 if seen and message.current_distance > 0 else math.nan
+    downward = int(message.orientation == mavlink.MAV_SENSOR_ROTATION_PITCH_270)
+    values = (distance_m, downward)
+    return (Reading(Kind.RANGE, TimeBase.BOOT, message.time_boot_ms * 1000, message.id % 4, values),)
+
+
+def heartbeat(message: Message) -> Readings:
+    """HEARTBEAT: armed or not."""
+    armed = int(bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED))
+    return (Reading(Kind.STATUS, TimeBase.NONE, 0, 0, (armed, -1, 0)),)
+
+
+def extended_sys_state(message: Message) -> Readings:
+    """EXTENDED_SYS_STATE: on the ground or in the air."""
+    on_ground = {mavlink.MAV_LANDED_STATE_ON_GROUND: 1, mavlink.MAV_LANDED_STATE_UNDEFINED: -1}
+    return (Reading(Kind.STATUS, TimeBase.NONE, 0, 0, (-1, on_ground.get(message.landed_state, 0), 0)),)
+
+
+def home_position(message: Message) -> Readings:
+    """HOME_POSITION: millimetres AMSL."""
+    values = (message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
+    return (Reading(Kind.HOME, TimeBase.NONE, 0, 0, values),)
+
+
+def imu_milli_g(message: Message, instance: int) -> Readings:
+    """SCALED_IMU/2/3: mG and mrad/s since boot milliseconds."""
+    values = _inertial(message, 1e-3 * G0_MPS2)
+    return (Reading(Kind.IMU, TimeBase.BOOT, message.time_boot_ms * 1000, instance, values),)
+
+
+def raw_imu(message: Message, accelerometer_scale: float) -> Readings:
+    """RAW_IMU: int16 in the unit of the autopilot's choice; rates are mrad/s wherever accelerations are scaled."""
+    values = _inertial(message, accelerometer_scale)
+    return (Reading(Kind.IMU, TimeBase.EITHER, message.time_usec, 0, values),)
+
+
+def highres_imu(message: Message) -> Readings:
+    """HIGHRES_IMU: SI, and hPa (old PX4: Pa). ``fields_updated`` says which are new; 0 from senders that leave it."""
+    updated = message.fields_updated or 0xFFFF
+    readings: list[Reading] = []
+    if updated & 0x3F:
+        force = (message.xacc, message.yacc, message.zacc)
+        rate = (message.xgyro, message.ygyro, message.zgyro)
+        readings.append(Reading(Kind.IMU, TimeBase.EITHER, message.time_usec, message.id % 4, (force, rate)))
+    if updated & 0x200 and message.abs_pressure > 0:
+        pressure_pa = message.abs_pressure * (100.0 if message.abs_pressure < 2000.0 else 1.0)
+        die_k = message.temperature + 273.15 if updated & 0x1000 else math.nan
+        values = (pressure_pa, die_k, 0)
+        readings.append(Reading(Kind.PRESSURE, TimeBase.EITHER, message.time_usec, message.id % 4, values))
+    return tuple(readings)
+
+
+CONVERTERS: dict[int, Callable[[Message], Readings]] = {
+    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: lambda message: scaled_pressure(message, 0),
+    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2: lambda message: scaled_pressure(message, 1),
+    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE3: lambda message: scaled_pressure(message, 2),
+    mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: lambda message: gps_raw(message, 0),
+    mavlink.MAVLINK_MSG_ID_GPS2_RAW: lambda message: gps_raw(message, 1),
+    mavlink.MAVLINK_MSG_ID_SCALED_IMU: lambda message: imu_milli_g(message, 0),
+    mavlink.MAVLINK_MSG_ID_SCALED_IMU2: lambda message: imu_milli_g(message, 1),
+    mavlink.MAVLINK_MSG_ID_SCALED_IMU3: lambda message: imu_milli_g(message, 2),
+    mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: highres_imu,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE: attitude,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: attitude_quaternion,
+    mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: distance_sensor,
+    mavlink.MAVLINK_MSG_ID_HEARTBEAT: heartbeat,
+    mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: extended_sys_state,
+    mavlink.MAVLINK_MSG_ID_HOME_POSITION: home_position,
+}
+"""RAW_IMU is missing: its scale needs memory (`companion.mavlink.imu`)."""
+
+
+def sim_state(message: Message) -> tuple[float, float]:
+    """SIM_STATE: true (altitude_amsl_m, climb_mps). It has no time stamp."""
+    return message.alt, -message.vd
+
+
+def global_position(message: Message) -> tuple[int, float, float]:
+    """GLOBAL_POSITION_INT: the autopilot's own (time_us since boot, altitude_amsl_m, climb_mps)."""
+    return message.time_boot_ms * 1000, message.alt * 1e-3, message.vz * -0.01
+
+
+def _inertial(message: Message, accelerometer_scale: float) -> tuple[Any, ...]:
+    force = (
+        message.xacc * accelerometer_scale,
+        message.yacc * accelerometer_scale,
+        message.zacc * accelerometer_scale,
+    )
+    rate = (message.xgyro * 1e-3, message.ygyro * 1e-3, message.zgyro * 1e-3)
+    return force, rate
+
+
+def _present(value: float, scale: float) -> float:
+    """An extension field: 0 means that it was not sent."""
+    return value * scale if value != 0 else math.nan
+
+
+def _known_u16(value: int, scale: float) -> float:
+    return value * scale if value != UNKNOWN_U16 else math.nan
+
+
+def _dop(value: int) -> float:
+    """Dilution of precision; 0 and 65535 are unknown, 9999 is ArduPilot's way to say none."""
+    return value * 0.01 if value not in (0, UNKNOWN_U16) else math.nan

@@ -1,0 +1,93 @@
+"""Which of the vehicle's IMU messages to believe, and in which unit.
+
+The same primary IMU may be sent as HIGHRES_IMU, SCALED_IMU and RAW_IMU. The first of these that has been heard within two
+seconds is used. RAW_IMU is in mG from ArduPilot (whatever the XML says), in mm/s2 from others by custom; of a generic
+autopilot, the scale that fits gravity. A source is accepted while the median of its specific force over ten seconds is
+near 1 g, so that wrong units or a broken accelerometer never reach an estimator.
+"""
+
+import math
+from collections import deque
+from statistics import median
+
+from companion.mavlink import convert
+from companion.mavlink.codec import Message, mavlink
+from companion.mavlink.convert import G0_MPS2, Reading
+
+MILLI_G = 1e-3 * G0_MPS2
+MILLI_MPS2 = 1e-3
+PRIORITY = {
+    mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: 0,
+    mavlink.MAVLINK_MSG_ID_SCALED_IMU: 1,
+    mavlink.MAVLINK_MSG_ID_RAW_IMU: 2,
+}
+SOURCE_TIMEOUT_US = 2_000_000
+GRAVITY_WINDOW_US = 10_000_000
+GRAVITY_SPACING_US = 100_000
+LOWEST_G, HIGHEST_G = 0.8, 1.25
+RAW_SCALES = {
+    mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: MILLI_G,
+    mavlink.MAV_AUTOPILOT_PX4: MILLI_MPS2,
+}
+
+
+class GravityCheck:
+    """Whether the median |specific force| of the last ten seconds is about 1 g (sampled at 10 Hz)."""
+
+    def __init__(self) -> None:
+        self._window: deque[tuple[int, float]] = deque()
+        self._plausible = False
+
+    def accepts(self, time_us: int, force_mps2: float) -> bool:
+        """Add a magnitude and say whether the source is plausible now; a clock that went back starts anew."""
+        window = self._window
+        if window and time_us < window[-1][0] - SOURCE_TIMEOUT_US:
+            window.clear()
+        if not window or time_us - window[-1][0] >= GRAVITY_SPACING_US:
+            window.append((time_us, force_mps2))
+            while time_us - window[0][0] > GRAVITY_WINDOW_US:
+                window.popleft()
+            self._plausible = LOWEST_G * G0_MPS2 <= median(force for _, force in window) <= HIGHEST_G * G0_MPS2
+        return self._plausible
+
+
+class ImuSelector:
+    """Chooses among the IMU messages of instance 0 and checks every instance against gravity."""
+
+    def __init__(self) -> None:
+        self._heard_us: dict[int, int] = {}
+        self._checks: dict[int, GravityCheck] = {}
+        self._generic_scale: float | None = None
+
+    def select(self, message_id: int, readings: tuple[Reading, ...], time_us: int) -> tuple[Reading, ...]:
+        """`readings` of an IMU message without those that a better source replaces or gravity refutes.
+
+        `time_us` is the vehicle's clock when the message was heard.
+        """
+        rank = PRIORITY.get(message_id)
+        if rank is not None:
+            self._heard_us[rank] = time_us
+        replaced = rank is not None and any(
+            better < rank and abs(time_us - heard_us) < SOURCE_TIMEOUT_US for better, heard_us in self._heard_us.items()
+        )
+        kept = []
+        for reading in readings:
+            if reading.kind is not convert.Kind.IMU:
+                kept.append(reading)
+                continue
+            force = math.hypot(*reading.values[0])
+            check = self._checks.setdefault(message_id * 8 + reading.instance, GravityCheck())
+            if check.accepts(time_us, force) and not replaced:
+                kept.append(reading)
+        return tuple(kept)
+
+    def raw_imu(self, message: Message, autopilot: int) -> tuple[Reading, ...]:
+        """RAW_IMU in SI units."""
+        scale = RAW_SCALES.get(autopilot)
+        if scale is None:
+            if self._generic_scale is None:
+                counts = math.hypot(message.xacc, message.yacc, message.zacc)
+                fits = min((MILLI_G, MILLI_MPS2), key=lambda s: abs(math.log(max(1.0, counts) * s / G0_MPS2)))
+                self._generic_scale = fits
+            scale = self._generic_scale
+        return convert.raw_imu(message, scale)

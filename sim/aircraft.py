@@ -21,6 +21,7 @@ _KT = 1852.0 / 3600.0
 _RANKINE_PER_K = 1.8
 
 Vector = tuple[float, float, float]
+_NOTHING = (0.0,) * 6
 
 
 @dataclass(frozen=True)
@@ -95,8 +96,8 @@ class Aircraft:
         self._fdm = _load(MODELS[model].jsbsim_name)
         self._start(MODELS[model], latitude_deg, longitude_deg, heading_deg, seed)
         self._bind()
-        self._force = [0.0, 0.0, 0.0]
-        self._rate = [0.0, 0.0, 0.0]
+        self._sums = _NOTHING
+        """of Nx, Ny, Nz and the inertial rates p, q, r over the last ``_summed`` steps"""
         self._summed = 0
 
     def _start(self, model: Model, latitude_deg: float, longitude_deg: float, heading_deg: float, seed: int) -> None:
@@ -171,7 +172,7 @@ class Aircraft:
             self._fdm[f"atmosphere/wind-{name}-fps"] = value / _FT
 
     def set_turbulence(self, severity: int, wind_at_6m_mps: float) -> None:
-        """Dryden turbulence of MIL-F-8785C: severity 0 (none) to 7, 4 is moderate; low down the wind sets its strength."""
+        """Dryden turbulence of MIL-F-8785C: severity 0 (none) to 7, 4 is moderate; low down the wind counts instead."""
         self._fdm["atmosphere/turb-type"] = 3 if severity else 0
         self._fdm["atmosphere/turbulence/milspec/severity"] = severity
         self._fdm["atmosphere/turbulence/milspec/windspeed_at_20ft_AGL-fps"] = wind_at_6m_mps / _FT
@@ -189,17 +190,18 @@ class Aircraft:
     def advance(self, steps: int) -> None:
         """Step the dynamics, summing what an IMU would feel."""
         run = self._run
-        force, rate = self._force, self._rate
+        sum_nx, sum_ny, sum_nz, sum_p, sum_q, sum_r = self._sums
         nx, ny, nz = self._load_factors
         p, q, r = self._inertial_rates
         for _ in range(steps):
             run()
-            force[0] += nx()
-            force[1] += ny()
-            force[2] += nz()
-            rate[0] += p()
-            rate[1] += q()
-            rate[2] += r()
+            sum_nx += nx()
+            sum_ny += ny()
+            sum_nz += nz()
+            sum_p += p()
+            sum_q += q()
+            sum_r += r()
+        self._sums = (sum_nx, sum_ny, sum_nz, sum_p, sum_q, sum_r)
         self._summed += steps
         self._time_us += steps * self._step_us
 
@@ -208,15 +210,12 @@ class Aircraft:
         count = self._summed
         if count == 0:
             raise SimulationError("mean_motion was asked for without a step of the dynamics in between")
-        force, rate = self._force, self._rate
+        nx, ny, nz, p, q, r = self._sums
         scale = G0_MPS2 / count
         # JSBSim's Nz is positive upwards, one at rest; the body's z axis points down.
-        motion = Motion(
-            (force[0] * scale, force[1] * scale, -force[2] * scale), (rate[0] / count, rate[1] / count, rate[2] / count)
-        )
-        force[0] = force[1] = force[2] = rate[0] = rate[1] = rate[2] = 0.0
+        self._sums = _NOTHING
         self._summed = 0
-        return motion
+        return Motion((nx * scale, ny * scale, -nz * scale), (p / count, q / count, r / count))
 
     @property
     def time_us(self) -> int:

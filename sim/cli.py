@@ -119,7 +119,7 @@ def list_scenarios() -> None:
 def run_with_progress(flight: "Flight") -> "Summary":
     """Fly with a progress line on stderr; SIGINT and SIGTERM end the flight in good order."""
     from rich.console import Console  # noqa: PLC0415
-    from rich.progress import Progress as ProgressBar
+    from rich.progress import Progress as ProgressBar  # noqa: PLC0415
     from rich.progress import SpinnerColumn, TextColumn  # noqa: PLC0415
 
     columns = (SpinnerColumn(), TextColumn("{task.description}"))

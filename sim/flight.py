@@ -36,6 +36,8 @@ MOTION_US = 1_000_000 // UPDATE_HZ
 _WEATHER_US = 100_000
 _LATE_S = 0.5
 """Further behind than this, the pace gives the time up for lost instead of rushing after it."""
+_READS_PER_TICK = 32
+"""A flood on a link delays the flight no longer than this many datagrams do."""
 _REPORT_US = 1_000_000
 
 
@@ -197,8 +199,10 @@ class Flight:
         if fix is not None:
             self.vehicle.on_fix(fix)
         for link, port in self._links:
-            data = link.receive(0.0)
-            if data:
+            for _ in range(_READS_PER_TICK):
+                data = link.receive(0.0)
+                if not data:
+                    break
                 self._received_bytes += len(data)
                 self.vehicle.receive(port, data)
         self.vehicle.stream()
@@ -217,7 +221,7 @@ class Flight:
         state.position = self.vehicle.estimate.position(self.time_us)
 
     def _fly(self, truth: Truth) -> None:
-        before = self.profile.describe()
+        before = self.profile.leg
         target = self.profile.update(truth)
         controls = self.autopilot.update(truth, target)
         self.aircraft.set_surfaces(controls.elevator, controls.aileron, controls.rudder)
@@ -225,7 +229,7 @@ class Flight:
         self.aircraft.set_brakes(controls.brake)
         if target.mode is not Mode.PARKED and not self.vehicle.state.armed:
             self.vehicle.arm()
-        if self.profile.describe() != before:
+        if self.profile.leg is not before:
             self.vehicle.say(f"Mission: {self.profile.describe()}")
         if target.mode not in (Mode.PARKED, Mode.TAKE_OFF) and truth.on_ground:
             raise SimulationError(

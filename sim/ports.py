@@ -14,7 +14,22 @@ from sim.telemetry import NAMES, TELEMETRY, Fresh, State, Telemetry
 MIN_INTERVAL_US = 20_000
 """50 Hz, the rate of the IMU samples. ArduPilot's ceiling is 0.8 of its loop rate: 40 Hz on a default Plane."""
 MAX_INTERVAL_US = 60_000_000
+OFF = -1
 SYSTEM_ID = COMPONENT_ID = 1
+
+
+class _Stream:
+    """One message on one port."""
+
+    __slots__ = ("carriers", "default_us", "due_us", "interval_us", "message_id", "row")
+
+    def __init__(self, message_id: int, row: Telemetry, interval_us: int) -> None:
+        self.message_id = message_id
+        self.row = row
+        self.default_us = self.interval_us = interval_us
+        self.due_us = 0
+        self.carriers: tuple[int, ...] = ()
+        """those of ``row.follows`` that are streamed here"""
 
 
 class Port:
@@ -29,15 +44,15 @@ class Port:
         self.dropped = 0
         self._deliver = deliver
         self._sequence = 0
-        self._defaults_us: dict[int, int] = {}
+        self._streams: dict[int, _Stream] = {}
         for message_id, row in TELEMETRY.items():
             rate_hz = rates_hz.get(row.packer.name, row.full_hz if full else row.default_hz)
-            self._defaults_us[message_id] = _interval_us(rate_hz)
-        self._interval_us = dict(self._defaults_us)
-        self._due_us = dict.fromkeys(TELEMETRY, 0)
+            self._streams[message_id] = _Stream(message_id, row, _interval_us(rate_hz))
+        self._active: list[_Stream] = []
+        self._next_due_us = 0
         self._fix_us = -1
         """measurement time of the last fix sent"""
-        self._next_due_us = 0
+        self._activate()
 
     def stream(self, state: State) -> None:
         """Send all that is due and has something new to say."""
@@ -46,31 +61,33 @@ class Port:
             return
         last_id = -1
         soonest_us = now_us + MAX_INTERVAL_US
-        for message_id, row in TELEMETRY.items():
-            interval_us = self._interval_us[message_id]
-            if interval_us <= 0:
-                continue
-            if self._due_us[message_id] <= now_us and self._may(row, state, last_id):
-                payload = row.payload(state)
+        for stream in self._active:
+            if stream.due_us <= now_us and self._is_new(stream, state, last_id):
+                payload = stream.row.payload(state)
                 if payload is not None:
-                    self._fix_us = _measured_us(state) if row.fresh is Fresh.FIX else self._fix_us
-                    self.send(row.packer, payload)
-                    last_id = message_id
+                    self.send(stream.row.packer, payload)
+                    last_id = stream.message_id
                     # Behind by more than an interval (it had to wait for a fix): start over instead of catching up.
-                    due_us = self._due_us[message_id] + interval_us
-                    self._due_us[message_id] = due_us if due_us > now_us else now_us + interval_us
-            soonest_us = min(soonest_us, self._due_us[message_id])
+                    stream.due_us += stream.interval_us
+                    if stream.due_us <= now_us:
+                        stream.due_us = now_us + stream.interval_us
+            if stream.due_us < soonest_us:  # noqa: PLR1730  min() costs a call, 120,000 times ten
+                soonest_us = stream.due_us
         self._next_due_us = soonest_us
 
-    def _may(self, row: Telemetry, state: State, last_id: int) -> bool:
+    def _is_new(self, stream: _Stream, state: State, last_id: int) -> bool:
         """Whether there is a sample that was not sent, and the carrier of its time has just gone out."""
-        if row.follows and last_id not in row.follows and any(self._interval_us[i] > 0 for i in row.follows):
+        if stream.carriers and last_id not in stream.carriers:
             return False
-        if row.fresh is Fresh.ANY:
+        fresh = stream.row.fresh
+        if fresh is Fresh.ANY:
             return True
-        if row.fresh is Fresh.MOTION:
+        if fresh is Fresh.MOTION:
             return state.truth is not None and state.truth.time_us == state.time_us
-        return self._fix_us != _measured_us(state)
+        if state.fix is None or state.fix.measured_us == self._fix_us:
+            return False
+        self._fix_us = state.fix.measured_us
+        return True
 
     def send(self, packer: Packer, payload: bytes) -> None:
         """Send one message now."""
@@ -84,27 +101,35 @@ class Port:
 
     def set_interval(self, message_id: int, interval_us: int, now_us: int) -> None:
         """Microseconds between two of `message_id`: clamped; 0 restores the default, negative stops it."""
+        stream = self._streams[message_id]
         if interval_us == 0:
-            interval_us = self._defaults_us[message_id]
+            interval_us = stream.default_us
         elif interval_us > 0:
             interval_us = max(MIN_INTERVAL_US, min(interval_us, MAX_INTERVAL_US))
         else:
-            interval_us = -1
-        self._interval_us[message_id] = interval_us
-        self._due_us[message_id] = now_us + TICK_US
-        self._next_due_us = now_us
+            interval_us = OFF
+        stream.interval_us = interval_us
+        stream.due_us = now_us + TICK_US
+        self._activate()
+
+    def hasten(self, message_id: int, now_us: int) -> None:
+        """Send `message_id`, if it is streamed, with what is sent next: it has changed."""
+        self._streams[message_id].due_us = self._next_due_us = now_us
 
     def interval_us(self, message_id: int) -> int:
-        """The interval in force; -1 when stopped."""
-        return self._interval_us[message_id]
+        """The interval in force; `OFF` when stopped."""
+        return self._streams[message_id].interval_us
 
-
-def _measured_us(state: State) -> int:
-    return -1 if state.fix is None else state.fix.measured_us
+    def _activate(self) -> None:
+        self._active = [stream for stream in self._streams.values() if stream.interval_us != OFF]
+        streamed = {stream.message_id for stream in self._active}
+        for stream in self._active:
+            stream.carriers = tuple(message_id for message_id in stream.row.follows if message_id in streamed)
+        self._next_due_us = 0
 
 
 def _interval_us(rate_hz: float) -> int:
-    return max(MIN_INTERVAL_US, round(1e6 / rate_hz)) if rate_hz > 0 else -1
+    return max(MIN_INTERVAL_US, round(1e6 / rate_hz)) if rate_hz > 0 else OFF
 
 
 def check_rates(rates_hz: Mapping[str, float]) -> None:

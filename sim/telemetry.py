@@ -221,7 +221,7 @@ def home_position(state: State) -> bytes | None:
 
 
 def _int16(value: float) -> int:
-    return int(max(-32768.0, min(32767.0, value)))
+    return int(value) if -32768.0 <= value <= 32767.0 else 32767 if value > 0.0 else -32768
 
 
 def _field_b(truth: Truth) -> tuple[float, float, float]:

@@ -1,8 +1,8 @@
 """The MAVLink face of the simulated vehicle, ArduPlane's flavour: streams, commands, and an ear for the companion.
 
 System 1, component 1, MAVLink 2 (as with SERIALn_PROTOCOL 2). The commands that concern streams are obeyed a port at a
-time, and every command addressed to the vehicle is acknowledged: what it does not know is UNSUPPORTED. For a message that
-is not in `TELEMETRY` an interval is DENIED and a request FAILED, as ArduPilot 4.7 answers for ALTITUDE.
+time, and every command addressed to the vehicle is acknowledged: what it does not know is UNSUPPORTED. For a message
+that is not in `TELEMETRY` an interval is DENIED and a request FAILED, as ArduPilot 4.7 answers for ALTITUDE.
 """
 
 import math
@@ -92,11 +92,8 @@ class Vehicle:
 
     def _set_home(self) -> None:
         self.state.home = self.estimate.position(self.state.time_us)
-        row = TELEMETRY[mavlink.MAVLINK_MSG_ID_HOME_POSITION]
-        payload = row.payload(self.state)
-        if payload is not None:
-            for port in self.ports:
-                port.send(row.packer, payload)
+        for port in self.ports:
+            port.hasten(mavlink.MAVLINK_MSG_ID_HOME_POSITION, self.state.time_us)
 
     def say(self, text: str, severity: int = mavlink.MAV_SEVERITY_INFO) -> None:
         """STATUSTEXT to every port."""

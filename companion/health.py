@@ -1,0 +1,122 @@
+"""How far the altitude can be trusted: OK, DEGRADED or LOST, on vehicle time.
+
+===========  ==============================================================================================
+OK           barometer and GNSS were both used within ``fresh_s`` and the spread is within ``sd_ok_m``
+DEGRADED     one of them is missing or refused, or the spread is larger
+LOST         no height for ``lost_s``, spread above ``sd_lost_m``, no heartbeat, or a non-finite estimate
+===========  ==============================================================================================
+
+A turn for the worse takes effect at once (its conditions already wait), one for the better after ``recover_s``.
+"""
+
+import math
+from collections.abc import Collection
+from enum import IntEnum
+
+from pydantic import Field
+
+from companion.config import Settings
+from companion.samples import Kind, Rows, Verdict
+
+
+class Health(IntEnum):
+    """Ordered: a larger value is worse."""
+
+    OK = 0
+    DEGRADED = 1
+    LOST = 2
+
+
+class HealthSettings(Settings):
+    """Section ``health``."""
+
+    fresh_s: float = Field(2.0, gt=0, le=60)
+    lost_s: float = Field(5.0, gt=0, le=60)
+    heartbeat_s: float = Field(3.0, gt=0, le=60)
+    recover_s: float = Field(2.0, ge=0, le=60)
+    sd_ok_m: float = Field(15.0, gt=0, le=1000)
+    sd_lost_m: float = Field(30.0, gt=0, le=1000)
+
+
+class HealthMonitor:
+    """Follows verdicts, estimates and heartbeats.
+
+    Parameters
+    ----------
+    uses : the kinds that the estimator uses; of these, barometer and GNSS must be fresh.
+    """
+
+    def __init__(self, settings: HealthSettings, uses: Collection[Kind]) -> None:
+        self.health = Health.LOST
+        self.reason = "nothing heard yet"
+        self._settings = settings
+        self._needed = [kind for kind in (Kind.PRESSURE, Kind.GNSS) if kind in uses]
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget every instant: the vehicle's clock started anew."""
+        self._used_us: dict[Kind, int] = {}
+        self._verdict: dict[Kind, Verdict] = {}
+        self._heartbeat_us: int | None = None
+        self._better_since_us: int | None = None
+
+    def heartbeat(self, now_us: int) -> None:
+        """The vehicle's HEARTBEAT came."""
+        self._heartbeat_us = now_us
+
+    def sample(self, kind: Kind, verdict: Verdict, now_us: int) -> None:
+        """A sample of the primary instance got this verdict."""
+        self._verdict[kind] = verdict
+        if verdict is Verdict.USED:
+            self._used_us[kind] = now_us
+
+    def assess(self, now_us: int, estimate: Rows) -> bool:
+        """Bring `health` and `reason` up to date; True when the health changed."""
+        health, reason = self._judge(now_us, estimate)
+        if health >= self.health:
+            self._better_since_us = None
+        else:
+            if self._better_since_us is None or self._better_since_us > now_us:
+                self._better_since_us = now_us
+            if now_us - self._better_since_us < self._settings.recover_s * 1e6:
+                return False
+            self._better_since_us = None
+        changed = health is not self.health
+        self.health, self.reason = health, reason
+        return changed
+
+    def lose(self, reason: str) -> bool:
+        """Nothing is heard any more (on the host's clock); True when the health changed."""
+        changed = self.health is not Health.LOST
+        self.health, self.reason, self._better_since_us = Health.LOST, reason, None
+        return changed
+
+    def _judge(self, now_us: int, estimate: Rows) -> tuple[Health, str]:
+        settings, value = self._settings, estimate[0]
+        altitude_m, sd_m = float(value["altitude_amsl_m"]), float(value["altitude_sd_m"])
+        if self._heartbeat_us is None or now_us - self._heartbeat_us > settings.heartbeat_s * 1e6:
+            return Health.LOST, "no heartbeat from the vehicle"
+        if not (math.isfinite(altitude_m) and math.isfinite(sd_m)):
+            return Health.LOST, self._missing(now_us) or "no altitude yet"
+        if now_us - int(value["time_us"]) > settings.lost_s * 1e6:
+            return Health.LOST, f"no usable height for {settings.lost_s:g} s"
+        if sd_m > settings.sd_lost_m:
+            return Health.LOST, f"altitude uncertain by {sd_m:.0f} m"
+        missing = self._missing(now_us)
+        if missing:
+            return Health.DEGRADED, missing
+        if sd_m > settings.sd_ok_m:
+            return Health.DEGRADED, f"altitude uncertain by {sd_m:.0f} m"
+        return Health.OK, f"altitude good to {sd_m:.1f} m"
+
+    def _missing(self, now_us: int) -> str:
+        for kind in self._needed:
+            used_us = self._used_us.get(kind)
+            if used_us is not None and now_us - used_us <= self._settings.fresh_s * 1e6:
+                continue
+            verdict = self._verdict.get(kind)
+            name = "barometer" if kind is Kind.PRESSURE else "GNSS height"
+            if verdict is None:
+                return f"no {name}"
+            return f"{name} {'silent' if verdict is Verdict.USED else verdict.name.lower()}"
+        return ""

@@ -1,0 +1,235 @@
+"""The pipeline: packets in, estimates and MAVLink frames out.
+
+Live and replay run this same code; it knows no link, no file and no host clock, so the same bytes give the same estimates
+and the same output messages, bit for bit.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+import numpy as np
+
+from companion.estimators import ESTIMATORS, Filter
+from companion.health import Health, HealthMonitor
+from companion.intake import Cause, Intake
+from companion.mavlink import convert
+from companion.mavlink.codec import Decoder, Encoder, Frame, Message, mavlink
+from companion.mavlink.identity import Identity, Origin
+from companion.mavlink.imu import ImuSelector
+from companion.mavlink.outputs import Outputs, heartbeat
+from companion.samples import Kind, Packet, Rows, Verdict
+from companion.settings import CompanionSettings
+
+HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
+RAW_IMU = mavlink.MAVLINK_MSG_ID_RAW_IMU
+HIGHRES_IMU = mavlink.MAVLINK_MSG_ID_HIGHRES_IMU
+SYSTEM_TIME = mavlink.MAVLINK_MSG_ID_SYSTEM_TIME
+ALTITUDE = mavlink.MAVLINK_MSG_ID_ALTITUDE
+SIM_STATE = mavlink.MAVLINK_MSG_ID_SIM_STATE
+GLOBAL_POSITION_INT = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
+IMU_MESSAGES = frozenset(
+    {
+        RAW_IMU,
+        HIGHRES_IMU,
+        mavlink.MAVLINK_MSG_ID_SCALED_IMU,
+        mavlink.MAVLINK_MSG_ID_SCALED_IMU2,
+        mavlink.MAVLINK_MSG_ID_SCALED_IMU3,
+    }
+)
+PRESSURE_TIMEOUT_US = 2_000_000
+
+
+class Observer(Protocol):
+    """Whoever wants to see what happens inside: evaluation, CSV, tests. Rows are valid during the call only."""
+
+    def sample(self, kind: Kind, row: Rows, verdict: Verdict, estimate: Rows) -> None:
+        """A sample got its verdict; the estimate is as it was left by it."""
+
+    def truth(self, time_us: int, altitude_amsl_m: float, climb_mps: float) -> None:
+        """The simulator's truth."""
+
+    def autopilot(self, time_us: int, altitude_amsl_m: float, climb_mps: float) -> None:
+        """The autopilot's own result."""
+
+    def published(self, message: Message) -> None:
+        """An ALTITUDE of ours went out."""
+
+
+class Pipeline:
+    """One vehicle, one estimator.
+
+    Parameters
+    ----------
+    settings : the resolved configuration.
+    datagrams : whether every packet holds whole frames (UDP, logs).
+    observer : sees every sample, truth and publication.
+    listeners : what else wants messages of the vehicle, by message id (answers to our requests).
+    """
+
+    def __init__(
+        self,
+        settings: CompanionSettings,
+        *,
+        datagrams: bool = False,
+        observer: Observer | None = None,
+        listeners: Mapping[int, Callable[[Message], None]] | None = None,
+    ) -> None:
+        self.settings = settings
+        self.decoder = Decoder(datagrams=datagrams)
+        self.identity = Identity(settings.vehicle.system_id, settings.identity.component_id)
+        self.intake = Intake(settings.intake)
+        self.filter = Filter(ESTIMATORS[settings.estimator], settings.estimator_settings())
+        self.health = HealthMonitor(settings.health, self.filter.method.uses)
+        self.outputs = Outputs(settings.publish)
+        self.verdicts = np.zeros((len(Kind), len(Verdict)), np.int64)
+        self.heard: dict[int, int] = {}
+        """messages of the vehicle by id"""
+        self._imu = ImuSelector()
+        self._observer = observer
+        self._listeners = dict(listeners or {})
+        self._encoder: Encoder | None = None
+        self._wanted = set(convert.CONVERTERS) | {RAW_IMU, SYSTEM_TIME, ALTITUDE, *self._listeners}
+        if observer is not None:
+            self._wanted |= {SIM_STATE, GLOBAL_POSITION_INT}
+        self._scaled_pressure_us = -PRESSURE_TIMEOUT_US
+        self._conflict: Callable[[Frame], None] | None = None
+
+    @property
+    def now_us(self) -> int:
+        """The vehicle's clock: the newest boot time heard, -1 before the first."""
+        return self.intake.clock.now_us
+
+    @property
+    def estimate(self) -> Rows:
+        return self.filter.estimate
+
+    def on_own_ids(self, callback: Callable[[Frame], None]) -> None:
+        """Call back for every frame that carries our own ids."""
+        self._conflict = callback
+
+    def feed(self, packet: Packet) -> list[bytes]:
+        """Take in a packet; the frames to send because of it."""
+        return self._take(self.decoder.feed(packet.data), packet.time_us)
+
+    def flush(self, arrival_us: int) -> list[bytes]:
+        """The line fell silent: give up on a half-received frame."""
+        return self._take(self.decoder.flush(), arrival_us)
+
+    def lose(self, reason: str) -> list[bytes]:
+        """Nothing is heard any more, says the host's clock."""
+        return self._encode(self.outputs.status_text(Health.LOST, reason)) if self.health.lose(reason) else []
+
+    def heartbeat(self) -> list[bytes]:
+        """Our own heartbeat, once there is a vehicle."""
+        return self._encode([heartbeat(self.health.health)])
+
+    def encode(self, message: Message) -> list[bytes]:
+        """A message of the service's own, such as a request to the vehicle."""
+        return self._encode([message])
+
+    def _take(self, frames: list[Frame], arrival_us: int) -> list[bytes]:
+        sent: list[bytes] = []
+        for frame in frames:
+            sent += self._frame(frame, arrival_us)
+        return sent
+
+    def _frame(self, frame: Frame, arrival_us: int) -> list[bytes]:
+        identity = self.identity
+        if identity.vehicle is None and frame.message_id == HEARTBEAT:
+            message = self.decoder.decode(frame)
+            if message is not None and identity.offer(frame, message):
+                self._encoder = Encoder(
+                    self.settings.identity.system_id or frame.system_id, self.settings.identity.component_id
+                )
+        origin = identity.origin(frame, arrival_us)
+        if origin is Origin.OURSELVES and self._conflict is not None:
+            self._conflict(frame)
+        if origin is not Origin.VEHICLE:
+            return []
+        self.heard[frame.message_id] = self.heard.get(frame.message_id, 0) + 1
+        if frame.message_id not in self._wanted:
+            return []
+        message = self.decoder.decode(frame)
+        return self._message(message, frame.message_id, arrival_us) if message is not None else []
+
+    def _message(self, message: Message, message_id: int, arrival_us: int) -> list[bytes]:
+        listener = self._listeners.get(message_id)
+        if listener is not None:
+            listener(message)
+        if message_id == HEARTBEAT:
+            self.identity.note(message)
+            self.health.heartbeat(self.now_us)
+        elif message_id == ALTITUDE:
+            self.outputs.vehicle_altitude(self.now_us)
+        elif message_id == SYSTEM_TIME:
+            self.intake.clock.note_unix(message.time_unix_usec, message.time_boot_ms * 1000)
+        elif message_id == SIM_STATE:
+            self._compare(True, (self.now_us, *convert.sim_state(message)))
+        elif message_id == GLOBAL_POSITION_INT:
+            self._compare(False, convert.global_position(message))
+        sent: list[bytes] = []
+        for reading in self._readings(message, message_id):
+            sent += self._reading(reading, message_id, arrival_us)
+        return sent
+
+    def _compare(self, is_truth: bool, height: tuple[int, float, float]) -> None:
+        if self._observer is not None and height[0] >= 0:
+            (self._observer.truth if is_truth else self._observer.autopilot)(*height)
+
+    def _readings(self, message: Message, message_id: int) -> tuple[convert.Reading, ...]:
+        if message_id == RAW_IMU:
+            readings = self._imu.raw_imu(message, self.identity.autopilot)
+        elif message_id in convert.CONVERTERS:
+            readings = convert.CONVERTERS[message_id](message)
+        else:
+            return ()
+        if message_id in IMU_MESSAGES:
+            kept = self._imu.select(message_id, readings, self.now_us)
+            if message_id == HIGHRES_IMU and self.now_us - self._scaled_pressure_us < PRESSURE_TIMEOUT_US:
+                kept = tuple(reading for reading in kept if reading.kind is not Kind.PRESSURE)
+            self.intake.counters[Cause.REPLACED] += len(readings) - len(kept)
+            return kept
+        if readings and readings[0].kind is Kind.PRESSURE:
+            self._scaled_pressure_us = self.now_us
+        return readings
+
+    def _reading(self, reading: convert.Reading, message_id: int, arrival_us: int) -> list[bytes]:
+        row, reboot = self.intake.take(reading, message_id, arrival_us)
+        sent: list[bytes] = []
+        if reboot is not None:
+            self.health.restart()
+            self.outputs.restart()
+            self._scaled_pressure_us = -PRESSURE_TIMEOUT_US
+            sent += self._sample(Kind.STATUS, reboot)
+        if row is not None:
+            sent += self._sample(reading.kind, row)
+        return sent
+
+    def _sample(self, kind: Kind, row: Rows) -> list[bytes]:
+        verdict = self.filter.step(kind, row)
+        self.verdicts[kind, verdict] += 1
+        now_us, estimate = self.now_us, self.filter.estimate
+        if row["instance"][0] == 0:
+            self.health.sample(kind, verdict, now_us)
+        self.outputs.sample(kind, row, verdict, estimate)
+        changed = self.health.assess(now_us, estimate)
+        if self._observer is not None:
+            self._observer.sample(kind, row, verdict, estimate)
+        health = self.health.health
+        messages: list[Message] = []
+        if verdict is Verdict.USED:
+            altitude = self.outputs.altitude(now_us, health, estimate)
+            if altitude is not None:
+                messages.append(altitude)
+                if self._observer is not None:
+                    self._observer.published(altitude)
+        if changed:
+            messages += self.outputs.status_text(health, self.health.reason)
+        messages += self.outputs.debug(now_us, health, estimate, self.filter.state)
+        return self._encode(messages) if messages else []
+
+    def _encode(self, messages: list[Message]) -> list[bytes]:
+        if self._encoder is None:
+            return []
+        frames = (self._encoder.encode(message, self.identity.version) for message in messages)
+        return [frame for frame in frames if frame]

@@ -1,0 +1,71 @@
+"""The whole of companion.yaml: one model made of the sections' own. Every key is optional."""
+
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import Field, create_model
+
+from companion.config import Settings, load
+from companion.estimators import ESTIMATORS
+from companion.health import HealthSettings
+from companion.intake import IntakeSettings
+from companion.mavlink.identity import OUR_COMPONENT_ID
+from companion.mavlink.outputs import PublishSettings
+from companion.mavlink.streams import StreamSettings
+
+DEFAULT_ESTIMATOR = "adaptive-fusion"
+
+
+class VehicleSettings(Settings):
+    """Section ``vehicle``."""
+
+    system_id: int | None = Field(None, ge=1, le=255)
+    """latch only this vehicle; otherwise the first autopilot heard"""
+
+
+class IdentitySettings(Settings):
+    """Section ``identity``: who we are on the link."""
+
+    system_id: int | None = Field(None, ge=1, le=255)
+    """otherwise the vehicle's"""
+    component_id: int = Field(OUR_COMPONENT_ID, ge=1, le=255)
+
+
+EstimatorSections: type[Settings] = create_model(
+    "EstimatorSections",
+    __base__=Settings,
+    **{
+        name.replace("-", "_"): (method.settings, Field(default_factory=method.settings, alias=name))
+        for name, method in ESTIMATORS.items()
+    },  # type: ignore[call-overload]
+)
+"""One section an estimator, named after it."""
+
+
+class CompanionSettings(Settings):
+    """companion.yaml."""
+
+    estimator: Literal[tuple(ESTIMATORS)] = DEFAULT_ESTIMATOR  # type: ignore[valid-type]
+    vehicle: VehicleSettings = VehicleSettings()
+    identity: IdentitySettings = IdentitySettings()
+    intake: IntakeSettings = IntakeSettings()
+    health: HealthSettings = HealthSettings()
+    publish: PublishSettings = PublishSettings()
+    streams: StreamSettings = StreamSettings()
+    estimators: EstimatorSections = EstimatorSections()  # type: ignore[valid-type]
+
+    def estimator_settings(self) -> Settings:
+        """The section of the chosen estimator."""
+        section: Settings = getattr(self.estimators, self.estimator.replace("-", "_"))
+        return section
+
+    def with_changes(self, **changes: Any) -> "CompanionSettings":
+        """A copy with top-level values replaced, as options of the command line do."""
+        return CompanionSettings.model_validate(self.model_dump(by_alias=True) | changes)
+
+
+def load_settings(path: Path | None = None, **changes: Any) -> CompanionSettings:
+    """The configuration at `path`, or the defaults; `changes` that are not None replace top-level values."""
+    settings = load(path, CompanionSettings) if path is not None else CompanionSettings()
+    given = {key: value for key, value in changes.items() if value is not None}
+    return settings.with_changes(**given) if given else settings

@@ -36,6 +36,7 @@ IMU_MESSAGES = frozenset(
         mavlink.MAVLINK_MSG_ID_SCALED_IMU3,
     }
 )
+COMMANDS = frozenset({mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT})
 PRESSURE_TIMEOUT_US = 2_000_000
 
 
@@ -84,6 +85,8 @@ class Pipeline:
         self.verdicts = np.zeros((len(Kind), len(Verdict)), np.int64)
         self.heard: dict[int, int] = {}
         """messages of the vehicle by id"""
+        self.frames: list[Frame] = []
+        """the frames of the last packet"""
         self._imu = ImuSelector()
         self._observer = observer
         self._listeners = dict(listeners or {})
@@ -128,6 +131,7 @@ class Pipeline:
         return self._encode([message])
 
     def _take(self, frames: list[Frame], arrival_us: int) -> list[bytes]:
+        self.frames = frames
         sent: list[bytes] = []
         for frame in frames:
             sent += self._frame(frame, arrival_us)
@@ -142,8 +146,11 @@ class Pipeline:
                     self.settings.identity.system_id or frame.system_id, self.settings.identity.component_id
                 )
         origin = identity.origin(frame, arrival_us)
-        if origin is Origin.OURSELVES and self._conflict is not None:
-            self._conflict(frame)
+        if origin is Origin.OURSELVES:
+            if self._conflict is not None:
+                self._conflict(frame)
+        elif frame.message_id in COMMANDS:
+            return self._command(frame)
         if origin is not Origin.VEHICLE:
             return []
         self.heard[frame.message_id] = self.heard.get(frame.message_id, 0) + 1
@@ -151,6 +158,19 @@ class Pipeline:
             return []
         message = self.decoder.decode(frame)
         return self._message(message, frame.message_id, arrival_us) if message is not None else []
+
+    def _command(self, frame: Frame) -> list[bytes]:
+        """A command addressed to us: we have none, and say so."""
+        message = self.decoder.decode(frame)
+        if message is None or self.identity.vehicle is None or message.target_component != self.identity.component_id:
+            return []
+        if message.target_system != self.identity.vehicle[0]:
+            return []
+        refusal = mavlink.MAV_RESULT_UNSUPPORTED
+        answer = mavlink.MAVLink_command_ack_message(
+            message.command, refusal, 0, 0, frame.system_id, frame.component_id
+        )
+        return self._encode([answer])
 
     def _message(self, message: Message, message_id: int, arrival_us: int) -> list[bytes]:
         listener = self._listeners.get(message_id)

@@ -9,27 +9,30 @@ import hashlib
 import logging
 import os
 import platform
+import shutil
 import tempfile
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
 
+import llvmlite.binding  # a part of Numba that does not read its configuration
+
 logger = logging.getLogger("kollsman.jit")
+
+KEPT_CACHES = 4
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def source_hash() -> str:
     """Hash of everything that compiled code depends on."""
-    import llvmlite.binding  # noqa: PLC0415  (part of numba; only needed for the processor's name)
-    import numba  # noqa: PLC0415
-
     digest = hashlib.sha256()
     package = Path(__file__).parent
     for path in sorted(package.rglob("*.py")):
         digest.update(str(path.relative_to(package)).encode())
         digest.update(path.read_bytes())
-    digest.update(f"{numba.__version__} {platform.machine()} {llvmlite.binding.get_host_cpu_name()}".encode())
+    digest.update(f"{version('numba')} {platform.machine()} {llvmlite.binding.get_host_cpu_name()}".encode())
     return digest.hexdigest()[:16]
 
 
@@ -52,9 +55,17 @@ def cache_directory() -> Path:
         except OSError:
             continue
         if os.access(directory, os.W_OK):
+            _forget_old(candidate, keep=directory)
             return directory
     logger.info("no writable cache folder; compiling into a temporary one")
     return Path(tempfile.mkdtemp(prefix="kollsman-"))
+
+
+def _forget_old(folder: Path, keep: Path) -> None:
+    """Leave the newest few caches: every edit of the source and every upgrade makes a new one."""
+    others = (path for path in folder.iterdir() if path.is_dir() and path != keep)
+    for path in sorted(others, key=lambda path: path.stat().st_mtime, reverse=True)[KEPT_CACHES:]:
+        shutil.rmtree(path, ignore_errors=True)
 
 
 def is_warm() -> bool:

@@ -88,12 +88,10 @@ class Pipeline:
         self.frames: list[Frame] = []
         """the frames of the last packet"""
         self._imu = ImuSelector()
-        self._observer = observer
         self._listeners = dict(listeners or {})
         self._encoder: Encoder | None = None
         self._wanted = set(convert.CONVERTERS) | {RAW_IMU, SYSTEM_TIME, ALTITUDE, *self._listeners}
-        if observer is not None:
-            self._wanted |= {SIM_STATE, GLOBAL_POSITION_INT}
+        self.observe(observer)
         self._scaled_pressure_us = -PRESSURE_TIMEOUT_US
         self._conflict: Callable[[Frame], None] | None = None
 
@@ -105,6 +103,12 @@ class Pipeline:
     @property
     def estimate(self) -> Rows:
         return self.filter.estimate
+
+    def observe(self, observer: Observer | None) -> None:
+        """Let `observer` see what happens from now on."""
+        self._observer = observer
+        if observer is not None:
+            self._wanted |= {SIM_STATE, GLOBAL_POSITION_INT}
 
     def on_own_ids(self, callback: Callable[[Frame], None]) -> None:
         """Call back for every frame that carries our own ids."""

@@ -1,0 +1,332 @@
+"""The command ``kollsman``. The only module of the companion that prints.
+
+What is heavy (Numba, NumPy, pymavlink) is imported by the commands, so that ``--help`` is instant.
+"""
+
+import json
+import logging
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from companion.errors import ConfigError, KollsmanError, LogFormatError
+
+if TYPE_CHECKING:
+    from companion.logs import LogReader
+    from companion.service import Service, Status
+    from companion.settings import CompanionSettings
+
+app = typer.Typer(
+    name="kollsman",
+    help="How high a MAVLink vehicle really is: barometer, GNSS and inertial sensors fused beside the autopilot.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+
+RUN_EXAMPLES = """\b
+Examples:
+  SITL or a router that sends to us:        kollsman run udpin:0.0.0.0:14550
+  ArduPilot SITL:                           kollsman run tcp:127.0.0.1:5762
+  A Pixhawk on a Raspberry Pi's UART:       kollsman run /dev/ttyAMA0:921600
+  A Pixhawk on USB, with a recording:       kollsman run /dev/ttyACM0 --record flight.tlog
+"""
+
+REPLAY_EXAMPLES = """\b
+Examples:
+  kollsman replay flight.tlog
+  kollsman replay flight.tlog --csv altitude.csv
+  kollsman replay flight.tlog --out with-altitude.tlog      (then open it in MAVExplorer)
+  kollsman replay flight.tlog --json | jq .errors
+"""
+
+EstimatorOption = Annotated[str | None, typer.Option(help="In place of the configuration's.", metavar="NAME")]
+ConfigOption = Annotated[Path | None, typer.Option(help="A companion.yaml; every key is optional.", metavar="FILE")]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from companion import __version__  # noqa: PLC0415
+
+        print(f"kollsman {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    *,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Log more.")] = False,
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Say it, and exit.")] = False,
+) -> None:
+    level = logging.DEBUG if verbose else logging.INFO
+    logging.basicConfig(level=level, format="%(asctime)s %(name)s: %(message)s", datefmt="%H:%M:%S", stream=sys.stderr)
+    if not verbose:
+        logging.getLogger("numba").setLevel(logging.WARNING)
+
+
+@app.command(epilog=RUN_EXAMPLES)
+def run(
+    link: Annotated[str, typer.Argument(help="Where the autopilot is; `kollsman links` lists the forms.")],
+    *,
+    estimator: EstimatorOption = None,
+    config: ConfigOption = None,
+    record: Annotated[Path | None, typer.Option(help="Write every frame heard and sent.", metavar="OUT.tlog")] = None,
+    system_id: Annotated[int | None, typer.Option(min=1, max=255, help="Ours; otherwise the vehicle's.")] = None,
+    component_id: Annotated[int | None, typer.Option(min=1, max=255, help="Ours; 191 otherwise.")] = None,
+) -> None:
+    """Serve a vehicle: read its sensors, send back ALTITUDE and the DEBUG family, until Ctrl-C."""
+    _say_if_compiling()
+    started_s = time.perf_counter()
+    settings = _settings(config, estimator)
+    ids = {"system_id": system_id, "component_id": component_id}
+    given = {key: value for key, value in ids.items() if value is not None}
+    settings = settings.with_changes(identity=settings.identity.model_dump() | given)
+
+    from companion.clock import SystemClock  # noqa: PLC0415
+    from companion.links import open_link  # noqa: PLC0415
+    from companion.logs.tlog import TlogWriter  # noqa: PLC0415
+    from companion.service import Service  # noqa: PLC0415
+    from companion.warmup import warm_up  # noqa: PLC0415
+
+    clock = SystemClock()
+    with ExitStack() as stack, _stop_signals() as stopped:
+        opened = open_link(link, clock)
+        stack.callback(opened.close)
+        warm_up(settings)
+        recorder = stack.enter_context(TlogWriter(record)) if record else None
+        service = Service(opened, settings, clock, recorder=recorder)
+        ready_s = time.perf_counter() - started_s
+        print(f"ready in {ready_s:.1f} s: {settings.estimator} on {opened.url}; Ctrl-C stops", flush=True)
+        service.run(lambda: bool(stopped), StatusLine(service).show)
+        print(f"\nstopped: {service.summary()}")
+    if record:
+        print(f"recorded {record}")
+
+
+@app.command(epilog=REPLAY_EXAMPLES)
+def replay(
+    log: Annotated[Path, typer.Argument(help="A recorded log (.tlog).")],
+    *,
+    estimator: EstimatorOption = None,
+    config: ConfigOption = None,
+    csv: Annotated[Path | None, typer.Option(help="One line an estimate.", metavar="OUT.csv")] = None,
+    out: Annotated[Path | None, typer.Option(help="The log with our ALTITUDE in it.", metavar="OUT.tlog")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="The report as JSON.")] = False,
+    settle: Annotated[float, typer.Option(min=0, help="Seconds left out of the errors.", metavar="S")] = 60.0,
+) -> None:
+    """Run a log through the same code as live, and report."""
+    _refuse_same(log, out, csv)
+    _say_if_compiling()
+    settings = _settings(config, estimator)
+
+    from companion.evaluation.report import Collector, build  # noqa: PLC0415
+    from companion.logs import open_log  # noqa: PLC0415
+    from companion.logs.tlog import TlogWriter  # noqa: PLC0415
+    from companion.pipeline import Pipeline  # noqa: PLC0415
+    from companion.sinks import CsvSink, Observers  # noqa: PLC0415
+
+    reader = open_log(log)
+    collector = Collector()
+    with ExitStack() as stack:
+        pipeline = Pipeline(settings, datagrams=True, observer=collector)
+        if csv:
+            sink = stack.enter_context(CsvSink(csv, lambda: pipeline.health.health.name))
+            pipeline.observe(Observers([collector, sink]))
+        writer = stack.enter_context(TlogWriter(out)) if out else None
+        started_s = time.perf_counter()
+        for packet in _with_progress(reader, log.name):
+            frames = pipeline.feed(packet)
+            if writer is not None:
+                writer.write(packet.time_us, packet.data)
+                for frame in frames:
+                    writer.write(packet.time_us, frame)
+        elapsed_s = time.perf_counter() - started_s
+    report = build(pipeline, collector, {str(cause): count for cause, count in reader.counters.items() if count}, settle)
+    report["log"], report["elapsed_s"] = str(log), round(elapsed_s, 3)
+    if as_json:
+        print(json.dumps(report, indent=2))
+    else:
+        _print_report(report)
+    for path in (csv, out):
+        if path and not as_json:
+            print(f"wrote {path}")
+
+
+@app.command()
+def check(config: Annotated[Path, typer.Argument(help="A companion.yaml.")]) -> None:
+    """Validate a configuration file and print the resolved configuration."""
+    from companion.config import dump  # noqa: PLC0415
+
+    print(dump(_settings(config, None)), end="")
+
+
+@app.command()
+def links() -> None:
+    """List the forms of a LINK."""
+    from companion.links import help_text  # noqa: PLC0415
+
+    print(help_text())
+
+
+@app.command()
+def estimators() -> None:
+    """List the estimators."""
+    from companion.estimators import ESTIMATORS  # noqa: PLC0415
+
+    for name, method in ESTIMATORS.items():
+        uses = ", ".join(kind.name.lower() for kind in sorted(method.uses) if kind.name != "STATUS")
+        print(f"{name:18s}{method.summary} ({uses}; {method.citation})")
+
+
+@app.command(name="warm-up")
+def warm_up_command() -> None:
+    """Compile everything now, so that the next start is quick (container images do this when built)."""
+    from companion.settings import load_settings  # noqa: PLC0415
+    from companion.warmup import warm_up  # noqa: PLC0415
+
+    _say_if_compiling()
+    started_s = time.perf_counter()
+    warm_up(load_settings())
+    print(f"compiled in {time.perf_counter() - started_s:.1f} s")
+
+
+class StatusLine:
+    """One line that is rewritten on a terminal; elsewhere a line every ten seconds and at each change of health."""
+
+    PLAIN_PERIOD_S = 10.0
+
+    def __init__(self, service: "Service") -> None:
+        self._service = service
+        self._terminal = sys.stdout.isatty()
+        self._last: tuple[Any, float] = (None, 0.0)
+
+    def show(self, status: "Status") -> None:
+        line = format_status(status)
+        if self._terminal:
+            print(f"\r\x1b[2K{line}", end="", flush=True)
+            return
+        health, when_s = self._last
+        now_s = time.monotonic()
+        if health != status.health or now_s - when_s >= self.PLAIN_PERIOD_S:
+            self._last = (status.health, now_s)
+            print(line, flush=True)
+
+
+def format_status(status: "Status") -> str:
+    """`status` as one readable line."""
+    if status.altitude_amsl_m == status.altitude_amsl_m:
+        altitude = f"{status.altitude_amsl_m:8.1f} m  sd {status.altitude_sd_m:4.1f}  {status.climb_mps:+5.1f} m/s"
+    else:
+        altitude = "no altitude"
+    shown = ("pressure", "gnss", "imu", "altitude")
+    rates = "  ".join(f"{name} {status.rates_hz.get(name, 0.0):.0f}" for name in shown)
+    return f"{status.health.name:8s} {altitude} | Hz: {rates} | {status.vehicle} | {status.link} | {status.reason}"
+
+
+def _settings(config: Path | None, estimator: str | None) -> "CompanionSettings":
+    from companion.estimators import ESTIMATORS  # noqa: PLC0415
+    from companion.settings import load_settings  # noqa: PLC0415
+
+    if estimator is not None and estimator not in ESTIMATORS:
+        raise ConfigError(f"no estimator is called {estimator!r}; there are: {', '.join(ESTIMATORS)}")
+    return load_settings(config, estimator=estimator)
+
+
+def _say_if_compiling() -> None:
+    from companion.jit import is_warm  # noqa: PLC0415
+
+    if not is_warm():
+        print("compiling the estimators (first run after an installation, about half a minute)...", file=sys.stderr)
+
+
+def _refuse_same(log: Path, *outputs: Path | None) -> None:
+    for output in outputs:
+        if output is not None and log.exists() and output.exists() and output.samefile(log):
+            raise LogFormatError(f"{output}: is the log itself; choose another name for the output")
+
+
+@contextmanager
+def _stop_signals() -> Iterator[list[int]]:
+    """SIGINT and SIGTERM ask for a clean stop; a second one is an ordinary interrupt."""
+    received: list[int] = []
+
+    def stop(number: int, _frame: object) -> None:
+        if received:
+            raise KeyboardInterrupt
+        received.append(number)
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield received
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _with_progress(reader: "LogReader", name: str) -> Iterator[Any]:
+    from rich.console import Console  # noqa: PLC0415
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
+
+    console = Console(stderr=True)
+    columns = (TextColumn(name), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(name, total=reader.size_bytes)
+        for count, packet in enumerate(reader):
+            if count % 2000 == 0:
+                bar.update(task, completed=reader.position_bytes)
+            yield packet
+
+
+def _print_report(report: dict[str, Any]) -> None:
+    from rich.console import Console  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+
+    console = Console()
+    boots = f", {report['reboots']} reboots" if report["reboots"] else ""
+    vehicle = report["vehicle"] or "no vehicle"
+    print(f"{report['log']}: {report['duration_s']:.0f} s, {vehicle}{boots}, {report['estimator']}, {report['elapsed_s']} s")
+    verdicts = ("used", "gated", "stale", "invalid", "ignored")
+    table = Table("samples", *verdicts, box=None, pad_edge=False)
+    for kind, counts in report["samples"].items():
+        table.add_row(kind, *(str(counts.get(verdict, "")) for verdict in verdicts))
+    console.print(table)
+    for title, key in (("left out", "set_aside"), ("damage", "damage")):
+        if any(report[key].values()):
+            print(f"{title}: " + ", ".join(f"{cause} {count}" for cause, count in report[key].items() if count))
+    altitude = report["altitude"]
+    if altitude["estimates"]:
+        print(
+            f"altitude: {altitude['first_m']:.1f} m at first, {altitude['min_m']:.1f} to {altitude['max_m']:.1f} m, "
+            f"{altitude['last_m']:.1f} m at last; median sd {altitude['median_sd_m']:.1f} m; "
+            f"{altitude['published']} ALTITUDE sent; health at the end {report['health']}"
+        )
+    else:
+        print("altitude: none; the log has no usable pair of barometer and GNSS")
+    if report["errors"]:
+        table = Table("against truth (m)", "RMSE", "95 %", "max", "bias", "RMSE without bias", box=None, pad_edge=False)
+        for found in report["errors"].values():
+            keys = ("rmse_m", "p95_m", "max_m", "bias_m", "unbiased_rmse_m")
+            table.add_row(found["label"], *(f"{found[key]:.2f}" for key in keys))
+        console.print(table)
+
+
+def main() -> None:
+    """Entry point: an error that the user can act on is one line on stderr and exit code 1; wrong usage is 2."""
+    try:
+        app()
+    except KollsmanError as error:
+        print(f"kollsman: {error}", file=sys.stderr)
+        sys.exit(1)
+    except BrokenPipeError:  # the reader of our output, such as `head`, has gone
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""How good an altitude is: errors against truth, and spreads where there is none."""

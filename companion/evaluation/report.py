@@ -1,0 +1,172 @@
+"""What a replay found: counts by verdict, the altitude in short, and errors against truth beside those of the others."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from companion.atmosphere import baro_altitude_array
+from companion.evaluation.metrics import Array, Errors, errors, truth_at
+from companion.mavlink.codec import Message
+from companion.pipeline import Pipeline
+from companion.samples import Kind, Rows, Verdict
+
+SETTLE_S = 60.0
+"""the first minute is for every estimator to find its start"""
+BOOT_US = 1 << 50
+"""added to the time for each boot, so that every instant of a log with several boots is a different one"""
+
+
+class _Track:
+    """A growing table of (time_us, value, ...) rows."""
+
+    def __init__(self, columns: int) -> None:
+        self._columns = columns
+        self._rows: list[tuple[float, ...]] = []
+
+    def add(self, *row: float) -> None:
+        self._rows.append(row)
+
+    def array(self) -> Array:
+        """shape (columns, rows)"""
+        return np.array(self._rows, np.float64).reshape(-1, self._columns).T
+
+
+class Collector:
+    """An observer that keeps what a report needs."""
+
+    def __init__(self) -> None:
+        self._boot_us = 0
+        self._first_us: int | None = None
+        self._last_us = 0
+        self._tracks = {name: _Track(2) for name in ("gnss", "baro", "truth", "autopilot", "published")}
+        self._estimate = _Track(4)
+
+    def sample(self, kind: Kind, row: Rows, verdict: Verdict, estimate: Rows) -> None:
+        if kind is Kind.STATUS:
+            if row[0]["reboot"] == 1:
+                self._boot_us += BOOT_US
+            return
+        value = row[0]
+        time_us = int(value["time_us"]) + self._boot_us
+        self._first_us = time_us if self._first_us is None else self._first_us
+        self._last_us = max(self._last_us, time_us)
+        if value["instance"] == 0 and kind is Kind.GNSS and value["fix_type"] >= 3:
+            self._tracks["gnss"].add(time_us, float(value["altitude_amsl_m"]))
+        elif value["instance"] == 0 and kind is Kind.PRESSURE:
+            self._tracks["baro"].add(time_us, float(value["pressure_pa"]))
+        if verdict is Verdict.USED:
+            now = estimate[0]
+            self._estimate.add(
+                int(now["time_us"]) + self._boot_us,
+                float(now["altitude_amsl_m"]),
+                float(now["climb_mps"]),
+                float(now["altitude_sd_m"]),
+            )
+
+    def truth(self, time_us: int, altitude_amsl_m: float, climb_mps: float) -> None:
+        self._tracks["truth"].add(time_us + self._boot_us, altitude_amsl_m)
+
+    def autopilot(self, time_us: int, altitude_amsl_m: float, climb_mps: float) -> None:
+        self._tracks["autopilot"].add(time_us + self._boot_us, altitude_amsl_m)
+
+    def published(self, message: Message) -> None:
+        self._tracks["published"].add(message.time_usec + self._boot_us, message.altitude_amsl)
+
+    def track(self, name: str) -> Array:
+        """(times_us, altitudes_m), shape (2, n), of "estimate", "published", "gnss", "baro", "autopilot" or "truth"."""
+        if name == "estimate":
+            return self._estimate.array()[:2]
+        array = self._tracks[name].array()
+        if name == "baro" and array.size:
+            array = np.array([array[0], baro_altitude_array(array[1])])
+        return array
+
+    def spread(self) -> Array:
+        """The estimate's own standard deviation, shape (n,), at the times of its track."""
+        return self._estimate.array()[3]
+
+    def climb(self) -> Array:
+        """The estimated climb, shape (n,), at the times of its track."""
+        return self._estimate.array()[2]
+
+    def errors(self, name: str, settle_s: float = SETTLE_S) -> Errors | None:
+        """Errors of a track against truth from `settle_s` after the first sample on."""
+        times_us, values = self.track(name)
+        start_us = (self._first_us or 0) + settle_s * 1e6
+        late = times_us >= start_us
+        truth_us, truth_m = self.track("truth")
+        return errors(values[late], truth_at(times_us[late], truth_us, truth_m))
+
+    @property
+    def duration_s(self) -> float:
+        """From the first to the last sample of the last boot, or of all boots together."""
+        if self._first_us is None:
+            return 0.0
+        return (self._last_us % BOOT_US - (self._first_us if self._boot_us == 0 else 0)) * 1e-6
+
+
+SOURCES = {
+    "estimate": "Kollsman",
+    "autopilot": "autopilot's own",
+    "gnss": "raw GNSS",
+    "baro": "raw barometer",
+}
+
+
+def build(pipeline: Pipeline, collector: Collector, damage: dict[str, int], settle_s: float = SETTLE_S) -> dict[str, Any]:
+    """The report as plain data: JSON-ready, unknown is None."""
+    identity = pipeline.identity
+    samples = {
+        kind.name.lower(): {v.name.lower(): int(n) for v, n in zip(Verdict, pipeline.verdicts[kind], strict=True) if n}
+        for kind in Kind
+        if pipeline.verdicts[kind].any()
+    }
+    times_us, altitudes_m = collector.track("estimate")
+    known = np.isfinite(altitudes_m)
+    spread_m, climb_mps = collector.spread()[known], collector.climb()[known]
+    altitude: dict[str, Any] = {"estimates": int(known.sum()), "published": int(collector.track("published").shape[1])}
+    if known.any():
+        altitude |= {
+            "first_m": altitudes_m[known][0],
+            "last_m": altitudes_m[known][-1],
+            "min_m": altitudes_m[known].min(),
+            "max_m": altitudes_m[known].max(),
+            "median_sd_m": np.median(spread_m),
+            "max_climb_mps": _extreme(climb_mps, np.nanmax),
+            "max_sink_mps": _extreme(climb_mps, np.nanmin),
+        }
+    against_truth = {}
+    for name, label in SOURCES.items():
+        found = collector.errors(name, settle_s)
+        if found is not None:
+            against_truth[name] = {"label": label, **found.as_dict()}
+    return _plain(
+        {
+            "estimator": pipeline.filter.method.name,
+            "vehicle": f"{identity.vehicle[0]}/{identity.vehicle[1]}" if identity.vehicle else None,
+            "duration_s": collector.duration_s,
+            "reboots": pipeline.intake.clock.reboots,
+            "health": pipeline.health.health.name,
+            "samples": samples,
+            "set_aside": {str(cause): count for cause, count in pipeline.intake.counters.items() if count},
+            "frames": {str(origin): count for origin, count in identity.counters.items() if count},
+            "damage": damage | {str(c): n for c, n in pipeline.decoder.counters.items() if n},
+            "altitude": altitude,
+            "settle_s": settle_s,
+            "errors": against_truth,
+        }
+    )
+
+
+def _extreme(values: Array, choose: Any) -> float:
+    return float(choose(values)) if np.isfinite(values).any() else math.nan
+
+
+def _plain(value: Any) -> Any:
+    """Python numbers, and None for what is not finite, so that the result is JSON."""
+    if isinstance(value, dict):
+        return {key: _plain(each) for key, each in value.items()}
+    if isinstance(value, (float, np.floating)):
+        return float(value) if math.isfinite(value) else None
+    return value

@@ -22,6 +22,10 @@ _RANKINE_PER_K = 1.8
 
 Vector = tuple[float, float, float]
 _NOTHING = (0.0,) * 6
+_BURIED_M = 0.3
+"""The wheels keep the centre of gravity a metre up."""
+_CRASH_MPS = 4.0
+"""No undercarriage stands this; JSBSim's would bounce and fly on."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +79,7 @@ class Aircraft:
     """One aircraft on a runway with its engine running, stepped at `STEP_HZ`.
 
     Raises `SimulationError` when the model is unknown, or when the flight leaves reality: a state that is not finite,
-    or a centre of gravity below the ground.
+    a centre of gravity below the ground, or a crash.
     """
 
     def __init__(
@@ -91,6 +95,7 @@ class Aircraft:
         if model not in MODELS:
             raise SimulationError(f"no aircraft '{model}': there are {', '.join(sorted(MODELS))}")
         self._ground_m = field_elevation_m
+        self._rest_height_m = MODELS[model].rest_height_m
         self._time_us = 0
         self._step_us = 1_000_000 // STEP_HZ
         self._fdm = _load(MODELS[model].jsbsim_name)
@@ -257,11 +262,12 @@ class Aircraft:
         if not math.isfinite(sum(truth)):
             bad = ", ".join(name for name, value in truth._asdict().items() if not math.isfinite(value))
             raise SimulationError(f"at {truth.time_us / 1e6:.2f} s the flight dynamics diverged: {bad} not finite")
-        # The wheels keep the centre of gravity a metre up; the Earth's shape moves a distant ground by less than this.
-        if truth.altitude_amsl_m < self._ground_m + 0.3:
+        height_m = truth.altitude_amsl_m - self._ground_m
+        if height_m < _BURIED_M or (height_m < self._rest_height_m + 1.0 and truth.down_mps > _CRASH_MPS):
+            where = "is below the ground" if height_m < _BURIED_M else "hit the ground"
             raise SimulationError(
-                f"at {truth.time_us / 1e6:.2f} s the aircraft is below the ground: {truth.altitude_amsl_m:.1f} m "
-                f"over a field at {self._ground_m:.1f} m, sinking at {truth.down_mps:.1f} m/s"
+                f"at {truth.time_us / 1e6:.2f} s the aircraft {where}: {height_m:.1f} m above a field at "
+                f"{self._ground_m:.1f} m, sinking at {truth.down_mps:.1f} m/s"
             )
 
 

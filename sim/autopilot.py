@@ -118,11 +118,14 @@ class Autopilot:
         self._airspeed_mps += (truth.airspeed_mps - self._airspeed_mps) * _DT_S / gains.airspeed_filter_s
         if target.mode is Mode.PARKED:
             return Controls(0.0, 0.0, 0.0, 0.0, 1.0)
-        if target.mode is not self._mode:
-            self._enter(target.mode, truth)
-        if target.mode is Mode.TAKE_OFF:
+        mode = target.mode
+        if mode is Mode.TAKE_OFF and self._climbs_away(truth):
+            mode = Mode.AIRSPEED
+        if mode is not self._mode:
+            self._enter(mode, truth)
+        if mode is Mode.TAKE_OFF:
             return self._take_off(truth, target)
-        if target.mode is Mode.AIRSPEED:
+        if mode is Mode.AIRSPEED:
             throttle = 1.0
             pitch = self._pitch_for_airspeed(self._slewed_airspeed(target.airspeed_mps or gains.climb_mps))
         else:
@@ -131,6 +134,11 @@ class Autopilot:
         self._pitch_command = pitch
         bank, rudder = self._lateral(truth, target)
         return Controls(self._elevator(truth, pitch), self._aileron(truth, bank), rudder, throttle, 0.0)
+
+    def _climbs_away(self, truth: Truth) -> bool:
+        """In the air with the speed to climb at: the pitch may follow the airspeed from here."""
+        fast = self._mode is Mode.AIRSPEED or truth.airspeed_mps >= self.gains.climb_mps
+        return fast and not truth.on_ground
 
     def _enter(self, mode: Mode, truth: Truth) -> None:
         """Take over without a bump: the new law starts from the pitch that the old one commanded."""
@@ -173,7 +181,11 @@ class Autopilot:
         gains = self.gains
         limit = target.vertical_speed_limit_mps
         wanted = _clamp(gains.altitude_p * (target.altitude_amsl_m - truth.altitude_amsl_m), -limit, limit)
-        self._climb_command_mps = _towards(self._climb_command_mps, wanted, gains.climb_slew_mps2 * _DT_S)
+        # Only going faster up or down is slewed: the altitude law itself shapes a level-off.
+        if 0.0 <= wanted / (self._climb_command_mps or math.inf) <= 1.0:
+            self._climb_command_mps = wanted
+        else:
+            self._climb_command_mps = _towards(self._climb_command_mps, wanted, gains.climb_slew_mps2 * _DT_S)
         slope_error = (self._climb_command_mps - truth.climb_mps) / max(self._airspeed_mps, gains.minimum_mps)
         low, high = gains.pitch_limits_rad
         if self._airspeed_mps < gains.minimum_mps:  # out of power: flying comes before holding the altitude

@@ -1,0 +1,126 @@
+"""The command ``kollsman-sim`` as a user runs it: a process, its output, its files, its exit code."""
+
+import hashlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from companion.logs.tlog import TlogReader
+from companion.mavlink.codec import Decoder
+from sim.flight import Flight
+from sim.scenario import load_scenario
+
+REPOSITORY = Path(__file__).parents[2]
+STANDING = "name: standing\nsummary: of a test\nprofile:\n  - {leg: wait, duration_s: 15}\n"
+
+
+def command(*arguments: str) -> list[str]:
+    return [sys.executable, "-m", "sim.cli", *arguments]
+
+
+def environment() -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": str(REPOSITORY), "COLUMNS": "120"}
+
+
+def run(*arguments: str, cwd: Path) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        command(*arguments), cwd=cwd, env=environment(), capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+def test_fly_writes_the_same_bytes_in_every_process_and_nothing_else(tmp_path: Path) -> None:
+    result = run("fly", "short-hop", "--tlog", "hop.tlog", "--seed", "5", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.startswith("flown: 3 min")  # JSBSim's banner stays silent
+    assert "RAW_IMU" in result.stdout
+    assert result.stderr == ""
+    assert [path.name for path in tmp_path.iterdir()] == ["hop.tlog"]
+    here = tmp_path / "here.tlog"
+    Flight(load_scenario("short-hop"), tlog=here, seed=5).run()
+    hashes = [hashlib.sha256(path.read_bytes()).hexdigest() for path in (here, tmp_path / "hop.tlog")]
+    assert hashes[0] == hashes[1]
+
+
+def test_a_scenario_file_of_one_s_own(tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text(STANDING)
+    result = run("fly", "mine.yaml", "--tlog", "mine.tlog", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "flown: 0 min 15.0 s" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "complaint"),
+    [
+        (["fly", "short-hop"], 2, "nowhere to fly to: give a --link URL, a --tlog FILE, or both"),
+        (["fly", "short-hop", "--tlog", "x.tlog", "--speed", "fast"], 2, "--speed 'fast' is neither"),
+        (["fly", "nothing", "--tlog", "x.tlog"], 1, "no scenario 'nothing': there are calm-circuit"),
+        (["fly", "none.yaml", "--tlog", "x.tlog"], 1, "none.yaml: no such file"),
+        (["fly", "short-hop", "--link", "pigeon:1"], 1, "unknown scheme 'pigeon'"),
+        (["fly", "short-hop", "--tlog", "no/folder/x.tlog"], 1, "no/folder/x.tlog"),
+    ],
+)
+def test_a_mistake_is_one_line_and_an_exit_code(
+    arguments: list[str], code: int, complaint: str, tmp_path: Path
+) -> None:
+    result = run(*arguments, cwd=tmp_path)
+    assert result.returncode == code
+    assert result.stdout == ""
+    assert result.stderr.startswith("kollsman-sim: ")
+    assert result.stderr.count("\n") == 1
+    assert complaint in result.stderr
+
+
+def test_list_shows_every_scenario(tmp_path: Path) -> None:
+    result = run("list", cwd=tmp_path)
+    assert result.returncode == 0
+    for name in ("calm-circuit", "short-hop", "weather-change"):
+        assert name in result.stdout
+
+
+def test_help_is_quick_and_has_examples(tmp_path: Path) -> None:
+    elapsed_s = []
+    for _ in range(3):
+        begun_s = time.perf_counter()
+        result = run("fly", "--help", cwd=tmp_path)
+        elapsed_s.append(time.perf_counter() - begun_s)
+    assert "kollsman-sim fly short-hop --tlog hop.tlog" in result.stdout
+    assert min(elapsed_s) < 1.0  # 0.2 s here; no JSBSim, no NumPy: those take 0.6 s
+    modules = subprocess.run(
+        [sys.executable, "-c", "import sys, sim.cli; print({'numpy', 'jsbsim', 'pymavlink'} & set(sys.modules))"],
+        env=environment(),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert modules.stdout.strip() == "set()"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_live_flight_in_good_order(number: signal.Signals, tmp_path: Path) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.settimeout(30.0)
+        url = f"udpout:127.0.0.1:{listener.getsockname()[1]}"
+        arguments = command("fly", "short-hop", "--link", url, "--speed", "20", "--tlog", "live.tlog", "--all-streams")
+        process = subprocess.Popen(
+            arguments, cwd=tmp_path, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        decoder = Decoder(datagrams=True)
+        names: set[str] = set()
+        while len(names) < 5:
+            names |= {decoder.decode(frame).get_type() for frame in decoder.feed(listener.recv(65535))}  # type: ignore[union-attr]
+        process.send_signal(number)
+        output, errors = process.communicate(timeout=30)
+    assert process.returncode == 0, errors
+    assert output.startswith("stopped: ")
+    assert "heard: nothing" in output
+    assert "HEARTBEAT" in names
+    reader = TlogReader(tmp_path / "live.tlog")
+    assert len(list(reader)) > 5
+    assert reader.counters.total() == 0

@@ -63,7 +63,9 @@ def _version(wanted: bool) -> None:
 def _options(
     *,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Log more.")] = False,
-    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Say it, and exit.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say it, and exit.")
+    ] = False,
 ) -> None:
     level = logging.DEBUG if verbose else logging.INFO
     logging.basicConfig(level=level, format="%(asctime)s %(name)s: %(message)s", datefmt="%H:%M:%S", stream=sys.stderr)
@@ -148,7 +150,9 @@ def replay(
                 for frame in frames:
                     writer.write(packet.time_us, frame)
         elapsed_s = time.perf_counter() - started_s
-    report = build(pipeline, collector, {str(cause): count for cause, count in reader.counters.items() if count}, settle)
+    report = build(
+        pipeline, collector, {str(cause): count for cause, count in reader.counters.items() if count}, settle
+    )
     report["log"], report["elapsed_s"] = str(log), round(elapsed_s, 3)
     if as_json:
         print(json.dumps(report, indent=2))
@@ -291,7 +295,9 @@ def _print_report(report: dict[str, Any]) -> None:
     console = Console()
     boots = f", {report['reboots']} reboots" if report["reboots"] else ""
     vehicle = report["vehicle"] or "no vehicle"
-    print(f"{report['log']}: {report['duration_s']:.0f} s, {vehicle}{boots}, {report['estimator']}, {report['elapsed_s']} s")
+    print(
+        f"{report['log']}: {report['duration_s']:.0f} s, {vehicle}{boots}, {report['estimator']}, {report['elapsed_s']} s"
+    )
     verdicts = ("used", "gated", "stale", "invalid", "ignored")
     table = Table("samples", *verdicts, box=None, pad_edge=False)
     for kind, counts in report["samples"].items():

@@ -78,12 +78,16 @@ def dump(model: BaseModel) -> str:
 
 def unit_of(key: str) -> str:
     """The unit that the suffix of `key` stands for, or an empty string."""
-    return next((unit for suffix, unit in sorted(UNITS.items(), key=lambda item: -len(item[0])) if key.endswith(suffix)), "")
+    return next(
+        (unit for suffix, unit in sorted(UNITS.items(), key=lambda item: -len(item[0])) if key.endswith(suffix)), ""
+    )
 
 
 def range_of(field: FieldInfo) -> str:
     """The allowed range of a numeric field in words, or an empty string."""
-    bounds = {name: getattr(item, name) for item in field.metadata for name in ("ge", "gt", "le", "lt") if hasattr(item, name)}
+    bounds = {
+        name: getattr(item, name) for item in field.metadata for name in ("ge", "gt", "le", "lt") if hasattr(item, name)
+    }
     low = bounds.get("ge", bounds.get("gt"))
     high = bounds.get("le", bounds.get("lt"))
     if low is not None and high is not None:
@@ -112,7 +116,9 @@ def _explain(error: ErrorDetails, model: type[BaseModel]) -> str:
     unit = unit_of(next((str(part) for part in reversed(error["loc"]) if isinstance(part, str)), ""))
     suffix = f" ({unit})" if unit else ""
     span = range_of(field) if field else ""
-    shown = repr(given) if not isinstance(given, (dict, list)) or len(str(given)) < 60 else f"this {type(given).__name__}"
+    shown = (
+        repr(given) if not isinstance(given, (dict, list)) or len(str(given)) < 60 else f"this {type(given).__name__}"
+    )
     if error["type"] in {"greater_than", "greater_than_equal", "less_than", "less_than_equal", "finite_number"}:
         return f"{key}: {shown} is out of range; give a number {span}{suffix}"
     if error["type"] in {"float_type", "float_parsing", "int_type", "int_parsing", "int_from_float"}:
@@ -121,7 +127,9 @@ def _explain(error: ErrorDetails, model: type[BaseModel]) -> str:
     return f"{key}: {shown}: {error['msg'].removeprefix('Value error, ')}{suffix}"
 
 
-def _field_at(model: type[BaseModel], location: tuple[int | str, ...]) -> tuple[type[BaseModel] | None, FieldInfo | None]:
+def _field_at(
+    model: type[BaseModel], location: tuple[int | str, ...]
+) -> tuple[type[BaseModel] | None, FieldInfo | None]:
     """The model that owns the key at `location`, and the key's field where it has one."""
     owner: type[BaseModel] | None = model
     field: FieldInfo | None = None

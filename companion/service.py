@@ -1,7 +1,7 @@
 """The live loop: one link, one clock, one pipeline, one thread.
 
-Everything that depends on the host's clock is here and nothing of it reaches an estimate: our heartbeat, the requests to
-the vehicle, the silence of the link, and the notice that nothing was heard.
+Everything that depends on the host's clock is here and nothing of it reaches an estimate: our heartbeat, the requests
+to the vehicle, the silence of the link, and the notice that nothing was heard.
 """
 
 import logging
@@ -172,12 +172,15 @@ class Service:
         pipeline, link = self.pipeline, self.link
         received = link.statistics.received_bytes
         if received == 0:
-            return f"nothing received on {link.url} in 5 s: check the cable or port, the baud rate, and that the autopilot sends here"
+            return f"nothing received on {link.url} in 5 s: check cable, port, baud rate, and that the autopilot sends here"
         if pipeline.decoder.frames == 0:
             junk = pipeline.decoder.counters[Cause.JUNK]
-            return f"{received} bytes on {link.url} but no MAVLink ({junk} junk): check the baud rate and that the port speaks MAVLink 2"
+            heard = f"{received} bytes on {link.url} but no MAVLink ({junk} junk)"
+            return f"{heard}: check the baud rate, and that the port is set to MAVLink 2"
         if pipeline.identity.vehicle is None:
-            return f"MAVLink on {link.url} but no heartbeat of an autopilot: check what is connected, or vehicle.system_id"
+            return (
+                f"MAVLink on {link.url} but no heartbeat of an autopilot: check what is connected, or vehicle.system_id"
+            )
         for kind, name in ((Kind.PRESSURE, "barometer (SCALED_PRESSURE)"), (Kind.GNSS, "GNSS (GPS_RAW_INT)")):
             if kind not in pipeline.filter.method.uses or pipeline.verdicts[kind][Verdict.USED]:
                 continue
@@ -209,13 +212,15 @@ class Service:
             self._requester.acknowledge(message)
 
     def _own_ids_heard(self, frame: Frame) -> None:
-        """Our own frames may come back over a forwarding link; heartbeats that we did not send mean a second companion."""
+        """Our own frames may come back over a forwarding link; heartbeats we did not send mean a second companion."""
         if frame.message_id != mavlink.MAVLINK_MSG_ID_HEARTBEAT or frame.data in self._recent:
             return
         self._foreign_heartbeats += 1
         if self._foreign_heartbeats >= FOREIGN_HEARTBEATS:
             ids = f"{frame.system_id}/{frame.component_id}"
-            raise IdentityError(f"another program on {self.link.url} already uses {ids}: stop it, or choose --component-id")
+            raise IdentityError(
+                f"another program on {self.link.url} already uses {ids}: stop it, or choose --component-id"
+            )
 
     def summary(self) -> str:
         """One line for the end of a run."""
@@ -223,7 +228,7 @@ class Service:
         bad = {str(cause): count for cause, count in decoder.counters.items() if count}
         strangers = identity.counters[Origin.STRANGER]
         return (
-            f"{decoder.frames} frames heard ({identity.counters[Origin.VEHICLE]} of the vehicle, {strangers} of others), "
+            f"{decoder.frames} frames heard ({identity.counters[Origin.VEHICLE]} of the vehicle, {strangers} others), "
             f"{self.sent_frames} sent ({self.published} ALTITUDE), bad input: {bad or 'none'}"
         )
 

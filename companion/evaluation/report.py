@@ -114,7 +114,9 @@ SOURCES = {
 }
 
 
-def build(pipeline: Pipeline, collector: Collector, damage: dict[str, int], settle_s: float = SETTLE_S) -> dict[str, Any]:
+def build(
+    pipeline: Pipeline, collector: Collector, damage: dict[str, int], settle_s: float = SETTLE_S
+) -> dict[str, Any]:
     """The report as plain data: JSON-ready, unknown is None."""
     identity = pipeline.identity
     samples = {

@@ -90,7 +90,7 @@ class Identity:
 
 def is_autopilot(heartbeat: Message) -> bool:
     """Whether a HEARTBEAT is of a vehicle's autopilot, not of a ground station or an accessory."""
-    return heartbeat.autopilot != mavlink.MAV_AUTOPILOT_INVALID and heartbeat.type != mavlink.MAV_TYPE_GCS
+    return bool(heartbeat.autopilot != mavlink.MAV_AUTOPILOT_INVALID and heartbeat.type != mavlink.MAV_TYPE_GCS)
 
 
 def autopilot_name(autopilot: int) -> str:

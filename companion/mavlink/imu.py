@@ -13,6 +13,7 @@ from statistics import median
 from companion.mavlink import convert
 from companion.mavlink.codec import Message, mavlink
 from companion.mavlink.convert import G0_MPS2, Reading
+from companion.samples import Kind
 
 MILLI_G = 1e-3 * G0_MPS2
 MILLI_MPS2 = 1e-3
@@ -72,7 +73,7 @@ class ImuSelector:
         )
         kept = []
         for reading in readings:
-            if reading.kind is not convert.Kind.IMU:
+            if reading.kind is not Kind.IMU:
                 kept.append(reading)
                 continue
             force = math.hypot(*reading.values[0])

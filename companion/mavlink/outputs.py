@@ -217,7 +217,9 @@ def heartbeat(health: Health) -> Message:
 def state_floats(state: Rows) -> list[float]:
     """The floats of an estimator's state in the order of its dtype, histories left out; 58 of them, zero-filled."""
     fields = (state.dtype.fields or {}).items()
-    scalars = [name for name, (kind, *_) in fields if kind.kind == "f" or (kind.base.kind == "f" and kind.shape[0] <= 16)]
+    scalars = [
+        name for name, (kind, *_) in fields if kind.kind == "f" or (kind.base.kind == "f" and kind.shape[0] <= 16)
+    ]
     values = np.concatenate([np.ravel(state[name][0]) for name in scalars]) if scalars else np.zeros(0)
     padded = np.zeros(FLOAT_ARRAY_SIZE)
     padded[: min(values.size, FLOAT_ARRAY_SIZE)] = values[:FLOAT_ARRAY_SIZE]

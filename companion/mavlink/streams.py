@@ -50,9 +50,7 @@ class Request:
 def wanted(settings: StreamSettings, uses: Collection[Kind], autopilot: int) -> list[Request]:
     """What to ask for: the kinds that the estimator uses, and what places and labels them."""
     imu_id = (
-        mavlink.MAVLINK_MSG_ID_HIGHRES_IMU
-        if autopilot == mavlink.MAV_AUTOPILOT_PX4
-        else mavlink.MAVLINK_MSG_ID_RAW_IMU
+        mavlink.MAVLINK_MSG_ID_HIGHRES_IMU if autopilot == mavlink.MAV_AUTOPILOT_PX4 else mavlink.MAVLINK_MSG_ID_RAW_IMU
     )
     table = [
         (Kind.PRESSURE, mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE, settings.pressure_hz),
@@ -90,7 +88,16 @@ class StreamRequester:
             return self.poll(now_us)
         request = self._queue[0]
         message = mavlink.MAVLink_command_long_message(
-            *self._target, SET_MESSAGE_INTERVAL, self._attempts, request.message_id, 1e6 / request.rate_hz, 0, 0, 0, 0, 0
+            *self._target,
+            SET_MESSAGE_INTERVAL,
+            self._attempts,
+            request.message_id,
+            1e6 / request.rate_hz,
+            0,
+            0,
+            0,
+            0,
+            0,
         )
         self._attempts += 1
         self._due_us = now_us + ACK_TIMEOUT_US
@@ -106,7 +113,9 @@ class StreamRequester:
         elif message.result == mavlink.MAV_RESULT_TEMPORARILY_REJECTED:
             return  # ask again when the answer is overdue
         elif message.result != mavlink.MAV_RESULT_IN_PROGRESS:
-            self._refuse(next((name for name, value in RESULTS.items() if value == message.result), str(message.result)))
+            self._refuse(
+                next((name for name, value in RESULTS.items() if value == message.result), str(message.result))
+            )
 
     def _refuse(self, why: str) -> None:
         request = self._queue[0]

@@ -49,7 +49,7 @@ LAYER_T_K, LAYER_P_PA = _layer_bases()
 
 @step
 def pressure_altitude_m(pressure_pa: float) -> float:
-    """Geopotential height at which the standard atmosphere has this pressure; NaN for a pressure that is not positive."""
+    """Geopotential height at which the standard atmosphere has this pressure; NaN unless it is positive."""
     if not pressure_pa > 0.0:
         return math.nan
     layer = 0

@@ -295,9 +295,8 @@ def _print_report(report: dict[str, Any]) -> None:
     console = Console()
     boots = f", {report['reboots']} reboots" if report["reboots"] else ""
     vehicle = report["vehicle"] or "no vehicle"
-    print(
-        f"{report['log']}: {report['duration_s']:.0f} s, {vehicle}{boots}, {report['estimator']}, {report['elapsed_s']} s"
-    )
+    what = f"{report['duration_s']:.0f} s, {vehicle}{boots}, {report['estimator']}"
+    print(f"{report['log']}: {what}, replayed in {report['elapsed_s']} s")
     verdicts = ("used", "gated", "stale", "invalid", "ignored")
     table = Table("samples", *verdicts, box=None, pad_edge=False)
     for kind, counts in report["samples"].items():

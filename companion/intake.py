@@ -61,8 +61,8 @@ class Clockwork(StrEnum):
 class VehicleClock:
     """The vehicle's boot clock as its stamps tell it.
 
-    A discontinuity needs two witnesses: one stamp far from the clock is set aside; a second one that agrees with it moves
-    the clock. Backwards is a reboot, forwards a gap in what we heard.
+    A discontinuity needs two witnesses: one stamp far from the clock is set aside; a second one that agrees with it
+    moves the clock. Backwards is a reboot, forwards a gap in what we heard.
     """
 
     def __init__(self, settings: IntakeSettings) -> None:

@@ -1,7 +1,7 @@
 """The pipeline: packets in, estimates and MAVLink frames out.
 
-Live and replay run this same code; it knows no link, no file and no host clock, so the same bytes give the same estimates
-and the same output messages, bit for bit.
+Live and replay run this same code; it knows no link, no file and no host clock, so the same bytes give the same
+estimates and the same output messages, bit for bit.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,7 +1,7 @@
 """A short history of a scalar, so that a late measurement meets the value of its own time.
 
 GNSS heights arrive 50-250 ms old. This is the one place that deals with that; live and replay share it.
-A ring is two arrays of one size inside an estimator's state: instants, oldest overwritten first (-1 is empty), and values.
+A ring is two arrays of one size inside an estimator's state: instants (-1 is empty) and values; the oldest goes first.
 """
 
 import math

@@ -172,22 +172,22 @@ class Service:
         pipeline, link = self.pipeline, self.link
         received = link.statistics.received_bytes
         if received == 0:
-            return f"nothing received on {link.url} in 5 s: check cable, port, baud rate, and that the autopilot sends here"
+            check = "check cable, port, baud rate, and that the autopilot sends here"
+            return f"nothing received on {link.url} in 5 s: {check}"
         if pipeline.decoder.frames == 0:
             junk = pipeline.decoder.counters[Cause.JUNK]
-            heard = f"{received} bytes on {link.url} but no MAVLink ({junk} junk)"
-            return f"{heard}: check the baud rate, and that the port is set to MAVLink 2"
+            check = "check the baud rate, and that the port is set to MAVLink 2"
+            return f"{received} bytes on {link.url} but no MAVLink ({junk} junk): {check}"
         if pipeline.identity.vehicle is None:
-            return (
-                f"MAVLink on {link.url} but no heartbeat of an autopilot: check what is connected, or vehicle.system_id"
-            )
+            check = "check what is connected, or vehicle.system_id"
+            return f"MAVLink on {link.url} but no heartbeat of an autopilot: {check}"
         for kind, name in ((Kind.PRESSURE, "barometer (SCALED_PRESSURE)"), (Kind.GNSS, "GNSS (GPS_RAW_INT)")):
             if kind not in pipeline.filter.method.uses or pipeline.verdicts[kind][Verdict.USED]:
                 continue
             heard = int(np.sum(pipeline.verdicts[kind]))
-            names = ", ".join(sorted(mavlink.mavlink_map[message_id].msgname for message_id in pipeline.heard)[:8])
             if heard:
                 return f"{heard} messages of the {name} but none usable: wait for a 3D fix, or check the sensor"
+            names = ", ".join(sorted(mavlink.mavlink_map[message_id].msgname for message_id in pipeline.heard)[:8])
             return f"no {name} in 5 s, only {names}: check the stream rates of this port (README, recipes)"
         return ""
 

@@ -52,7 +52,7 @@ class CompanionSettings(Settings):
     health: HealthSettings = HealthSettings()
     publish: PublishSettings = PublishSettings()
     streams: StreamSettings = StreamSettings()
-    estimators: EstimatorSections = EstimatorSections()  # type: ignore[valid-type]
+    estimators: EstimatorSections = EstimatorSections()
 
     def estimator_settings(self) -> Settings:
         """The section of the chosen estimator."""

@@ -25,14 +25,14 @@ Delta = 0. K rises with S (the text says it falls). (25) should let P tend to R_
 Departures
 ----------
 - The paper has one GPS height with each barometer height. Here the correction K Delta of the last fix is held
-  between fixes and added to every new barometer height; Delta is formed with the barometer height at the fix's own time,
-  interpolated, since a fix arrives late.
+  between fixes and added to every new barometer height; Delta is formed with the barometer height at the fix's own
+  time, interpolated, since a fix arrives late.
 - Geometric height of the full standard atmosphere instead of (1), which is its troposphere in geopotential metres.
 - ``r_gnss``: the paper's constant 169 m2, or the variance that the receiver claims (default).
 - The estimate's ``altitude_sd_m`` is not sqrt(P). When (28) fires, the estimate is exactly h^GPS - R_GPS / Delta, with
   mean square error about R_GPS + 3 R_GPS^2 / Delta^2: above plain GPS, never below it as P claims. When it does not
-  fire the error is that of (13) plus the unexplained part of (1-K) Delta. It grows while there is no fix, at the rate that
-  weather can move the pressure level.
+  fire the error is that of (13) plus the unexplained part of (1-K) Delta. It grows while there is no fix, at the rate
+  that weather can move the pressure level.
 - Climb is the slope of the barometer height, smoothed over one second; the paper has none.
 - Without a barometer for two seconds the estimate is GNSS height alone.
 

@@ -74,7 +74,7 @@ def tally(state: Rows, kind: int, verdict: int) -> int:
 
 @step
 def is_stale(state: Rows, kind: int, instance: int, time_us: int) -> bool:
-    """Whether a sample comes too late: not newer than the last of its kind and instance, or beyond the delay horizon."""
+    """Whether a sample is not newer than the last of its kind and instance, or beyond the delay horizon."""
     return time_us <= state[0].last_us[kind, instance] or time_us < state[0].now_us - DELAY_HORIZON_US
 
 

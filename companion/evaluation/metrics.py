@@ -10,7 +10,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Errors:
-    """Of one source, in metres: root mean square, 95th percentile and maximum of |error|, mean (bias), and rms without it."""
+    """Of one source: root mean square, 95th percentile and maximum of |error|, mean, and rms without the mean."""
 
     count: int
     rmse_m: float

@@ -1,4 +1,4 @@
-"""What a replay found: counts by verdict, the altitude in short, and errors against truth beside those of the others."""
+"""What a replay found: counts by verdict, the altitude in short, and errors against truth beside those of others."""
 
 import math
 from typing import Any
@@ -124,7 +124,7 @@ def build(
         for kind in Kind
         if pipeline.verdicts[kind].any()
     }
-    times_us, altitudes_m = collector.track("estimate")
+    altitudes_m = collector.track("estimate")[1]
     known = np.isfinite(altitudes_m)
     spread_m, climb_mps = collector.spread()[known], collector.climb()[known]
     altitude: dict[str, Any] = {"estimates": int(known.sum()), "published": int(collector.track("published").shape[1])}

@@ -1,8 +1,9 @@
 """Who speaks: the vehicle we are latched to, another program with our ids, or somebody else.
 
 One vehicle is latched for the life of the process: the first component whose HEARTBEAT names a real autopilot. Ground
-stations, gimbals, companions that call themselves quadrotors (autopilot INVALID) and second vehicles are strangers: what
-they send is counted and never measured. Once the vehicle has sent signed frames, unsigned ones with its ids are forged.
+stations, gimbals, companions that call themselves quadrotors (autopilot INVALID) and second vehicles are strangers:
+what they send is counted and never measured. Once the vehicle has sent signed frames, unsigned ones with its ids are
+forged.
 """
 
 import logging

@@ -1,9 +1,9 @@
 """Which of the vehicle's IMU messages to believe, and in which unit.
 
-The same primary IMU may be sent as HIGHRES_IMU, SCALED_IMU and RAW_IMU. The first of these that has been heard within two
-seconds is used. RAW_IMU is in mG from ArduPilot (whatever the XML says), in mm/s2 from others by custom; of a generic
-autopilot, the scale that fits gravity. A source is accepted while the median of its specific force over ten seconds is
-near 1 g, so that wrong units or a broken accelerometer never reach an estimator.
+The same primary IMU may be sent as HIGHRES_IMU, SCALED_IMU and RAW_IMU. The first of these that has been heard within
+two seconds is used. RAW_IMU is in mG from ArduPilot (whatever the XML says), in mm/s2 from others by custom; of a
+generic autopilot, the scale that fits gravity. A source is accepted while the median of its specific force over ten
+seconds is near 1 g, so that wrong units or a broken accelerometer never reach an estimator.
 """
 
 import math

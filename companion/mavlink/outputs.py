@@ -148,9 +148,9 @@ class Outputs:
         altitude_m = float(estimate[0]["altitude_amsl_m"])
         if health is Health.LOST or not math.isfinite(altitude_m) or self.settings.altitude == "never":
             return None
-        if self.settings.altitude == "auto" and self._vehicle_altitude_us is not None:
-            if abs(now_us - self._vehicle_altitude_us) < VEHICLE_ALTITUDE_US:
-                return None
+        heard_us = self._vehicle_altitude_us
+        if self.settings.altitude == "auto" and heard_us is not None and abs(now_us - heard_us) < VEHICLE_ALTITUDE_US:
+            return None
         time_us = int(estimate[0]["time_us"])
         if time_us < 0 or not self._altitude_slots.takes(time_us):
             return None

@@ -1,7 +1,7 @@
 """Asking the vehicle for the messages that the estimator needs.
 
-Once a vehicle is latched, SET_MESSAGE_INTERVAL goes out once for each message, one at a time: the next when the last was
-acknowledged, again when it was not. Nothing is written to the vehicle's parameters, and a refusal is only logged.
+Once a vehicle is latched, SET_MESSAGE_INTERVAL goes out once for each message, one at a time: the next when the last
+was acknowledged, again when it was not. Nothing is written to the vehicle's parameters, and a refusal is only logged.
 """
 
 import logging

@@ -6,7 +6,7 @@ What is heavy (JSBSim, NumPy, pymavlink) is imported by the commands, so that ``
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
     from companion.links import Link
+    from sim.demo import Reading
     from sim.flight import Flight, Progress, Summary
 
 app = typer.Typer(
@@ -39,6 +40,12 @@ Examples:
     kollsman-sim fly weather-change --link tcpin:0.0.0.0:5760 --speed 20 --tlog flight.tlog
   Your own scenario, another dice:
     kollsman-sim fly my-scenario.yaml --seed 7 --tlog flight.tlog
+"""
+
+_DEMO_EXAMPLES = """\b
+Examples:
+  kollsman-sim demo
+  kollsman-sim demo --speed 60 --scenario short-hop
 """
 
 
@@ -88,14 +95,60 @@ def fly(
     from sim.scenario import load_scenario  # noqa: PLC0415
 
     config = load_scenario(scenario)
-    opened = [open_link(url) for url in links]
-    try:
+    opened: list[Link] = []
+    with ExitStack() as stack:
+        for url in links:
+            opened.append(open_link(url))
+            stack.callback(opened[-1].close)
         flight = Flight(config, links=opened, tlog=tlog, seed=seed, all_streams=all_streams, speed=pace)
         summary = run_with_progress(flight)
-    finally:
-        for each in opened:
-            each.close()
     print_summary(summary, tlog, opened)
+
+
+@app.command(epilog=_DEMO_EXAMPLES)
+def demo(
+    *,
+    speed: Annotated[str, typer.Option(help="Times real time, or max.", metavar="X|max")] = "20",
+    scenario: Annotated[str, typer.Option(help="Name of a scenario (see `list`).")] = "weather-change",
+    out: Annotated[Path, typer.Option(help="Folder for the log and the plot.", metavar="DIR")] = Path("out/demo"),
+) -> None:
+    """Simulator and companion as two processes over UDP: watch the altitudes part while a front passes."""
+    pace = _speed(speed)
+    from sim import demo as show  # noqa: PLC0415
+
+    print(f"starting the companion; then {scenario} flies at {speed}x, and the autopilot receives its ALTITUDE", flush=True)
+    tlog = show.fly(scenario, pace, out, _DemoTable().show, lambda text: print(text, flush=True))
+    collector = show.judge(tlog)
+    print(f"\n{'against truth, after the first minute (m)':42s}{'RMSE':>8s}{'95 %':>8s}{'max':>8s}{'bias':>8s}")
+    for label, found in show.errors(collector).items():
+        print(f"{label:42s}{found.rmse_m:8.2f}{found.p95_m:8.2f}{found.max_m:8.2f}{found.bias_m:8.2f}")
+    picture = out / f"{scenario}.png"
+    show.plot(collector, picture, f"{scenario}: what each source says, and by how much it is wrong")
+    print(f"\nplot: {picture}\nlog:  {tlog} (try: kollsman replay {tlog})")
+
+
+class _DemoTable:
+    """A line every half simulated minute: truth, and what each source says beside its error."""
+
+    PERIOD_S = 30
+
+    def __init__(self) -> None:
+        self._headed = False
+
+    def show(self, now: "Reading") -> None:
+        if round(now.time_s) % self.PERIOD_S:
+            return
+        if not self._headed:
+            self._headed = True
+            head = "".join(f"{name:>17s}" for name in ("GNSS", "barometer", "autopilot", "Kollsman"))
+            print(f"\n{'time':>6s}  {'truth':>8s}{head}   leg", flush=True)
+        cells = "".join(_beside(value, now.truth_m) for value in (now.gnss_m, now.baro_m, now.autopilot_m, now.kollsman_m))
+        minutes, seconds = divmod(round(now.time_s), 60)
+        print(f"{minutes:3d}:{seconds:02d}  {now.truth_m:6.0f} m{cells}   {now.leg}", flush=True)
+
+
+def _beside(value: float, truth: float) -> str:
+    return f"{value:9.1f} {value - truth:+6.1f} " if value == value else f"{'-':>17s}"
 
 
 @app.command(name="list")

@@ -6,7 +6,7 @@ that is not in `TELEMETRY` an interval is DENIED and a request FAILED, as ArduPi
 """
 
 import math
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 from typing import Any
 
@@ -32,7 +32,7 @@ class Heard:
         """frames by (system id, component id, message name)"""
         self.altitude: Any = None
         self.altitude_us: int | None = None
-        self.texts: list[tuple[int, str]] = []
+        self.texts: deque[tuple[int, str]] = deque(maxlen=100)
         """STATUSTEXT: (arrival, simulated microseconds; text), the last hundred"""
 
     def take(self, frame: Frame, message: Any, time_us: int) -> None:
@@ -40,7 +40,7 @@ class Heard:
         if frame.message_id == mavlink.MAVLINK_MSG_ID_ALTITUDE:
             self.altitude, self.altitude_us = message, time_us
         elif frame.message_id == mavlink.MAVLINK_MSG_ID_STATUSTEXT:
-            self.texts = [*self.texts[-99:], (time_us, str(message.text))]
+            self.texts.append((time_us, str(message.text)))
 
 
 class Vehicle:
@@ -139,10 +139,10 @@ class Vehicle:
 
     def _set_interval(self, port: Port, message: Any) -> int:
         message_id, interval_us = _whole(message.param1), _whole(message.param2)
-        if message_id is None or message_id not in TELEMETRY:
-            self.say(f"No ap_message for mavlink id ({message_id})")
+        if message_id is None or interval_us is None or interval_us < -1:
             return _DENIED
-        if interval_us is None or interval_us < -1:
+        if message_id not in TELEMETRY:
+            self.say(f"No ap_message for mavlink id ({message_id})")
             return _DENIED
         port.set_interval(message_id, interval_us, self.state.time_us)
         return _ACCEPTED

@@ -7,7 +7,7 @@ import pytest
 from companion.errors import SimulationError
 from sim import STEP_HZ
 from sim.aircraft import G0_MPS2, Aircraft
-from sim.weather import PressurePoint, TemperaturePoint, Weather, WeatherConfig
+from sim.weather import PressurePoint, TemperaturePoint, Weather, WeatherConfig, Wind
 
 # U.S. Standard Atmosphere 1976, table I (NOAA-S/T 76-1562): geometric altitude m, pressure Pa, temperature K.
 TABLE = [
@@ -101,6 +101,16 @@ def test_specific_force_at_rest_is_one_local_gravity_upwards() -> None:
     assert down < -9.7
     assert forward == pytest.approx(gravity * math.sin(truth.pitch_rad), abs=2e-3)  # nose up: forward is partly up
     assert motion.angular_rate_b_radps == pytest.approx((0.0, 0.0, 0.0), abs=1e-4)  # the Earth's 7e-5 rad/s
+
+
+@pytest.mark.parametrize(("from_deg", "headwind_mps"), [(90.0, 12.0), (150.0, 6.0)])
+def test_the_wind_blows_from_where_it_says(from_deg: float, headwind_mps: float) -> None:
+    aircraft = Aircraft(heading_deg=90.0)
+    Weather(WeatherConfig(wind=Wind(speed_mps=12.0, from_deg=from_deg)), aircraft)
+    aircraft.advance(2)
+    assert aircraft._fdm["velocities/u-aero-fps"] * 0.3048 == pytest.approx(headwind_mps, rel=0.02)
+    # At sea level on a standard day calibrated airspeed is true airspeed.
+    assert aircraft.truth().airspeed_mps == pytest.approx(12.0, rel=0.02)
 
 
 def test_same_seed_same_turbulence_and_no_more() -> None:

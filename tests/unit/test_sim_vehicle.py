@@ -296,7 +296,7 @@ def test_what_the_companion_sends_is_heard_and_recorded(tmp_path: Path) -> None:
     assert heard.counts == {(1, 191, "ALTITUDE"): 1, (1, 191, "STATUSTEXT"): 1, (1, 191, "HEARTBEAT"): 1}
     assert heard.altitude.altitude_amsl == 301.5
     assert heard.altitude_us == 1_010_000
-    assert heard.texts == [(1_010_000, "Kollsman: OK")]
+    assert list(heard.texts) == [(1_010_000, "Kollsman: OK")]
     decoder = Decoder()
     logged = [decoder.decode(decoder.feed(packet.data)[0]) for packet in TlogReader(path)]
     assert sum(message.get_srcComponent() == 191 for message in logged if message) == 3

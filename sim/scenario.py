@@ -10,7 +10,7 @@ from companion.config import Settings, load
 from companion.errors import SimulationError
 from sim.estimate import EstimateConfig
 from sim.ports import check_rates
-from sim.profile import Leg, TakeOff
+from sim.profile import Leg
 from sim.sensors.barometer import BarometerConfig
 from sim.sensors.gnss import GnssConfig
 from sim.sensors.imu import ImuConfig
@@ -74,10 +74,6 @@ class Scenario(Settings):
                     f"altitude_amsl_m {altitude_m:g} is not 50 m above the runway at {self.runway.elevation_m:g} m"
                 )
         return self
-
-    @property
-    def takes_off(self) -> bool:
-        return any(isinstance(leg, TakeOff) for leg in self.profile)
 
 
 def scenario_paths() -> dict[str, Path]:

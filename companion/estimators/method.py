@@ -30,6 +30,8 @@ HIGHEST_GNSS_SD_M = 50.0
 """A fix that is worse than this says nothing about height."""
 LOWEST_DIE_K, HIGHEST_DIE_K = 200.0, 380.0
 """What a pressure sensor's own thermometer can read: no part is rated beyond -40..+85 degC."""
+HIGHEST_FORCE_MPS2, HIGHEST_RATE_RADPS = 200.0, 40.0
+"""What an inertial sensor can read: 16 g parts clip at 157 m/s2, 2000 deg/s parts at 35 rad/s."""
 
 USED, GATED, STALE, INVALID, IGNORED = (int(verdict) for verdict in Verdict)
 IMU, PRESSURE, GNSS, ATTITUDE, RANGE, AIR, STATUS, HOME = (int(kind) for kind in Kind)
@@ -110,6 +112,29 @@ def judge_gnss(state: Rows, sample: Rows) -> int:
     if gnss_sd_m(sample, 0.0, 0.0) > HIGHEST_GNSS_SD_M:
         return INVALID
     return STALE if is_stale(state, GNSS, sample[0].instance, sample[0].time_us) else USED
+
+
+@step
+def judge_imu(state: Rows, sample: Rows) -> int:
+    """USED for finite forces and rates within what a sensor can read, else STALE or INVALID. NaN fails the range."""
+    if not 0 <= sample[0].instance < MAX_INSTANCES:
+        return INVALID
+    for axis in range(3):
+        if not -HIGHEST_FORCE_MPS2 <= sample[0].specific_force_b_mps2[axis] <= HIGHEST_FORCE_MPS2:
+            return INVALID
+        if not -HIGHEST_RATE_RADPS <= sample[0].angular_rate_b_radps[axis] <= HIGHEST_RATE_RADPS:
+            return INVALID
+    return STALE if is_stale(state, IMU, sample[0].instance, sample[0].time_us) else USED
+
+
+@step
+def judge_attitude(state: Rows, sample: Rows) -> int:
+    """USED for a roll within half a turn and a pitch within a quarter, else STALE or INVALID. NaN fails the range."""
+    if not 0 <= sample[0].instance < MAX_INSTANCES:
+        return INVALID
+    if not -3.1416 <= sample[0].roll_rad <= 3.1416 or not -1.5708 <= sample[0].pitch_rad <= 1.5708:
+        return INVALID
+    return STALE if is_stale(state, ATTITUDE, sample[0].instance, sample[0].time_us) else USED
 
 
 @step

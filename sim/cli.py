@@ -7,6 +7,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,6 +17,7 @@ from companion.errors import KollsmanError
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
+    from rich.progress import TaskID
 
     from companion.links import Link
     from sim.demo import Reading
@@ -116,7 +118,10 @@ def demo(
     pace = _speed(speed)
     from sim import demo as show  # noqa: PLC0415
 
-    print(f"starting the companion; then {scenario} flies at {speed}x, and the autopilot receives its ALTITUDE", flush=True)
+    print(
+        f"starting the companion; then {scenario} flies at {speed}x, and the autopilot receives its ALTITUDE",
+        flush=True,
+    )
     tlog = show.fly(scenario, pace, out, _DemoTable().show, lambda text: print(text, flush=True))
     collector = show.judge(tlog)
     print(f"\n{'against truth, after the first minute (m)':42s}{'RMSE':>8s}{'95 %':>8s}{'max':>8s}{'bias':>8s}")
@@ -142,7 +147,9 @@ class _DemoTable:
             self._headed = True
             head = "".join(f"{name:>17s}" for name in ("GNSS", "barometer", "autopilot", "Kollsman"))
             print(f"\n{'time':>6s}  {'truth':>8s}{head}   leg", flush=True)
-        cells = "".join(_beside(value, now.truth_m) for value in (now.gnss_m, now.baro_m, now.autopilot_m, now.kollsman_m))
+        cells = "".join(
+            _beside(value, now.truth_m) for value in (now.gnss_m, now.baro_m, now.autopilot_m, now.kollsman_m)
+        )
         minutes, seconds = divmod(round(now.time_s), 60)
         print(f"{minutes:3d}:{seconds:02d}  {now.truth_m:6.0f} m{cells}   {now.leg}", flush=True)
 
@@ -167,6 +174,44 @@ def list_scenarios() -> None:
         scenario = load_scenario(name)
         table.add_row(name, scenario.aircraft, f"{scenario.summary} {scenario.expected}".strip())
     Console().print(table)
+
+
+@app.command()
+def reproduce(
+    papers: Annotated[
+        list[str] | None, typer.Argument(help="Key letters: H W C R K. Default: all.", metavar="[KEY]...")
+    ] = None,
+    *,
+    seeds: Annotated[
+        int | None, typer.Option(min=2, help="Monte-Carlo runs a paper. Default: each paper's own number.")
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder of the pages and figures.", metavar="DIR")] = Path("out/papers"),
+) -> None:
+    """Rebuild the simulations of the five papers and hold the estimators against what they print."""
+    from rich.console import Console  # noqa: PLC0415
+    from rich.progress import Progress as ProgressBar  # noqa: PLC0415
+
+    from sim.papers import PAPERS  # noqa: PLC0415
+    from sim.papers.page import summary  # noqa: PLC0415
+
+    keys = list(dict.fromkeys(key.upper() for key in papers or PAPERS))
+    unknown = [key for key in keys if key not in PAPERS]
+    if unknown:
+        raise _usage(f"no paper '{unknown[0]}'; there are {', '.join(PAPERS)}")
+    console = Console(stderr=True)
+    with ProgressBar(console=console, transient=True, disable=not console.is_terminal) as bar:
+        for key in keys:
+            paper = PAPERS[key]
+            task = bar.add_task(paper.slug, total=1.0)
+            report = partial(_report_share, bar, task, paper.slug)
+            page = paper.reproduce(seeds or paper.seeds, out, report)
+            path = page.write()
+            report(1.0, "done")
+            print(f"{key}  {path}  {page.seeds} seeds: {summary(page.counts)}")
+
+
+def _report_share(bar: "Bar", task: "TaskID", name: str, fraction: float, what: str) -> None:
+    bar.update(task, completed=fraction, description=f"{name}: {what}")
 
 
 def run_with_progress(flight: "Flight") -> "Summary":

@@ -3,6 +3,7 @@
 What is heavy (JSBSim, NumPy, pymavlink) is imported by the commands, so that ``--help`` is instant.
 """
 
+import math
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -155,7 +156,7 @@ class _DemoTable:
 
 
 def _beside(value: float, truth: float) -> str:
-    return f"{value:9.1f} {value - truth:+6.1f} " if value == value else f"{'-':>17s}"
+    return f"{value:9.1f} {value - truth:+6.1f} " if math.isfinite(value) else f"{'-':>17s}"
 
 
 @app.command(name="list")

@@ -1,0 +1,50 @@
+# The two commands of a fresh machine: `make demo` and `make test`. They make .venv with Python 3.11 or newer and install
+# into it; nothing else is needed, no compiler.
+
+PYTHON ?= $(shell command -v python3.11 || command -v python3.12 || command -v python3.13 || command -v python3)
+VENV   := .venv
+BIN    := $(VENV)/bin
+PIP    := $(BIN)/python -m pip --disable-pip-version-check install --quiet
+
+.PHONY: help demo test test-slow lint bench results clean
+
+help:            ## what can be made
+	@awk -F':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+demo: $(VENV)/.sim      ## fly through a front with the companion listening (extra `sim`; under two minutes)
+	$(BIN)/kollsman-sim demo
+
+test: lint              ## lint, types, import rules and the default tests (extras `sim`, `dev`)
+	$(BIN)/python -m pytest -q
+
+test-slow: $(VENV)/.dev ## end-to-end and Monte-Carlo tests
+	$(BIN)/python -m pytest -q -m slow
+
+lint: $(VENV)/.dev      ## ruff, mypy --strict, import rules
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: $(VENV)/.dev     ## latency, load, memory, start-up, simulator speed: ratios within one run
+	$(BIN)/python -m tests.bench
+
+clean:           ## remove the environment, caches and outputs
+	rm -rf $(VENV) out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
+
+$(VENV)/.made:
+	@test -n "$(PYTHON)" || { echo "no Python found: install Python 3.11 or newer"; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "$(PYTHON) is too old: Python 3.11 or newer is needed (make PYTHON=/path/to/python3.11)"; exit 1; }
+	@$(PYTHON) -m venv $(VENV) || { echo "the venv module is missing (Debian: apt install python3-venv)"; exit 1; }
+	@touch $@
+
+$(VENV)/.sim: $(VENV)/.made pyproject.toml
+	@echo "installing Kollsman with the extra sim (JSBSim, matplotlib) into $(VENV) ..."
+	@$(PIP) -e '.[sim]'
+	@touch $@
+
+$(VENV)/.dev: $(VENV)/.made pyproject.toml
+	@echo "installing Kollsman with the extras sim and dev (test tools) into $(VENV) ..."
+	@$(PIP) -e '.[sim,dev]'
+	@touch $@ $(VENV)/.sim

@@ -179,7 +179,7 @@ class Method:
     datum_invariant: bool
     """the same flight one kilometre higher gives the same errors"""
     follows_baro_step: bool
-    """a lasting step of the barometer ends up in the altitude"""
+    """after a lasting step of the barometer the altitude comes back to GNSS: the step is learned, not kept"""
     version: int = 1
     """of the state's meaning; a checkpoint of another version is refused"""
 

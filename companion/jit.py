@@ -5,6 +5,7 @@ against the old one. Here the cache folder is named after a hash of every source
 and the processor; where that folder cannot be written and holds nothing, a temporary one is used.
 """
 
+import atexit
 import hashlib
 import logging
 import os
@@ -32,7 +33,8 @@ def source_hash() -> str:
     for path in sorted(package.rglob("*.py")):
         digest.update(str(path.relative_to(package)).encode())
         digest.update(path.read_bytes())
-    digest.update(f"{version('numba')} {platform.machine()} {llvmlite.binding.get_host_cpu_name()}".encode())
+    cpu = os.environ.get("NUMBA_CPU_NAME") or llvmlite.binding.get_host_cpu_name()
+    digest.update(f"{version('numba')} {platform.machine()} {cpu}".encode())
     return digest.hexdigest()[:16]
 
 
@@ -49,7 +51,7 @@ def cache_directory() -> Path:
     for candidate in candidates:
         directory = candidate / name
         if directory.is_dir() and any(directory.iterdir()) and not os.access(directory, os.W_OK):
-            return directory  # a warm cache on a read-only file system still serves
+            return _temporary(directory)  # Numba uses no cache that it cannot write
         try:
             directory.mkdir(parents=True, exist_ok=True)
         except OSError:
@@ -58,7 +60,16 @@ def cache_directory() -> Path:
             _forget_old(candidate, keep=directory)
             return directory
     logger.info("no writable cache folder; compiling into a temporary one")
-    return Path(tempfile.mkdtemp(prefix="kollsman-"))
+    return _temporary()
+
+
+def _temporary(warm: Path | None = None) -> Path:
+    """A folder for this process, with a copy of the warm cache in it."""
+    directory = Path(tempfile.mkdtemp(prefix="kollsman-"))
+    atexit.register(shutil.rmtree, directory, ignore_errors=True)
+    if warm:
+        shutil.copytree(warm, directory, dirs_exist_ok=True)
+    return directory
 
 
 def _forget_old(folder: Path, keep: Path) -> None:

@@ -1,8 +1,8 @@
 """The only file that imports Numba: `step` compiles a function, with a cache that cannot go stale.
 
 Numba's own cache looks only at the file of the function itself, so an edited helper would leave its callers compiled
-against the old one. Here the cache folder is named after a hash of every source file of this package, the Numba version
-and the processor; where that folder cannot be written and holds nothing, a temporary one is used.
+against the old one. Here the cache folder is named after a hash of every module that compiles, the Numba version and
+the processor; where that folder cannot be written and holds nothing, a temporary one is used.
 """
 
 import atexit
@@ -22,17 +22,23 @@ import llvmlite.binding  # a part of Numba that does not read its configuration
 logger = logging.getLogger("kollsman.jit")
 
 KEPT_CACHES = 4
+MARK = b"from companion.jit import step"
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def source_hash() -> str:
-    """Hash of everything that compiled code depends on."""
+    """Hash of everything that compiled code depends on: the modules that compile, the records, Numba, the processor.
+
+    Compiled modules take names only from each other and from `samples` (tests/test_architecture.py holds this).
+    """
     digest = hashlib.sha256()
     package = Path(__file__).parent
     for path in sorted(package.rglob("*.py")):
-        digest.update(str(path.relative_to(package)).encode())
-        digest.update(path.read_bytes())
+        source = path.read_bytes()
+        if MARK in source or path.name == "samples.py":
+            digest.update(str(path.relative_to(package)).encode())
+            digest.update(source)
     cpu = os.environ.get("NUMBA_CPU_NAME") or llvmlite.binding.get_host_cpu_name()
     digest.update(f"{version('numba')} {platform.machine()} {cpu}".encode())
     return digest.hexdigest()[:16]

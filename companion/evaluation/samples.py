@@ -1,0 +1,46 @@
+"""A recorded log as a `SampleLog`: what the compiled loops run over."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from companion.logs import open_log
+from companion.mavlink.codec import Message
+from companion.pipeline import Pipeline
+from companion.samples import Kind, Rows, SampleLog, Verdict
+from companion.settings import CompanionSettings
+
+
+class _Tap:
+    """An observer that keeps every sample as the estimator gets it, with truth and the autopilot's own beside."""
+
+    def __init__(self) -> None:
+        self.log = SampleLog()
+
+    def sample(self, kind: Kind, row: Rows, verdict: Verdict, estimate: Rows) -> None:
+        self.log.append(kind, row)
+
+    def truth(self, time_us: int, altitude_amsl_m: float, climb_mps: float) -> None:
+        self.log.append_truth((time_us, altitude_amsl_m, climb_mps))
+
+    def autopilot(self, time_us: int, altitude_amsl_m: float, climb_mps: float) -> None:
+        self.log.append_autopilot((time_us, altitude_amsl_m, climb_mps))
+
+    def published(self, message: Message) -> None:
+        """Not a sample."""
+
+
+def samples_of(
+    path: Path, settings: CompanionSettings | None = None, on_progress: Callable[[float], None] | None = None
+) -> SampleLog:
+    """The samples of a log, placed and screened as live ones are. Raises `LogFormatError`.
+
+    `on_progress` is called with the fraction read.
+    """
+    tap = _Tap()
+    pipeline = Pipeline(settings or CompanionSettings(), datagrams=True, observer=tap)
+    reader = open_log(path)
+    for count, packet in enumerate(reader):
+        pipeline.feed(packet)
+        if on_progress is not None and count % 5000 == 0:
+            on_progress(reader.position_bytes / reader.size_bytes)
+    return tap.log

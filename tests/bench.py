@@ -1,0 +1,306 @@
+"""`make bench`: latency, load, memory, start-up and simulator speed, as ratios and figures of one run on this machine.
+
+Nothing here is asserted: machines are noisy. The figures that the project aims for stand beside the measured ones.
+"""
+
+import os
+import re
+import selectors
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from companion.mavlink.codec import Decoder, Encoder, Message, mavlink
+from sim import STEPS_PER_TICK, TICK_US
+from sim.flight import Flight
+from sim.scenario import load_scenario
+
+PRESSURE_HZ = 50
+MIX_HZ = {"pressure": 100, "gnss": 10, "attitude": 90, "imu": 200}
+"""400 messages a second, as a busy companion port carries"""
+ECHO = """
+import socket, sys
+s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+s.bind(("127.0.0.1", int(sys.argv[1])))
+print("ready", flush=True)
+while True:
+    data, peer = s.recvfrom(2048)
+    s.sendto(data.ljust(int(sys.argv[2])), peer)
+"""
+
+Row = tuple[str, str, str]
+
+
+def main() -> None:
+    rows: list[Row] = []
+    for part in (start_up, latency, load_and_memory, simulator, estimators):
+        print(f"measuring: {part.__name__.replace('_', ' ')} ...", file=sys.stderr, flush=True)
+        rows += part()
+    print("| figure | measured | aim |\n|---|---|---|")
+    for row in rows:
+        print("| " + " | ".join(row) + " |")
+
+
+# The companion as a process
+
+
+@contextmanager
+def process(command: list[str], environment: dict[str, str] | None = None) -> Iterator["subprocess.Popen[str]"]:
+    """A child that has said "ready"; ended with SIGINT."""
+    child = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=os.environ | (environment or {})
+    )
+    assert child.stdout is not None
+    try:
+        for line in child.stdout:
+            if line.startswith("ready"):
+                break
+        yield child
+    finally:
+        child.send_signal(signal.SIGINT)
+        child.wait(20)
+        child.stdout.close()
+
+
+def companion(port: int, *options: str) -> list[str]:
+    return [sys.executable, "-m", "companion.cli", "run", f"udpin:127.0.0.1:{port}", *options]
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def heartbeat() -> Message:
+    return mavlink.MAVLink_heartbeat_message(1, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, 4, 3)
+
+
+def pressure(boot_ms: int) -> Message:
+    return mavlink.MAVLink_scaled_pressure_message(boot_ms, 954.61 + 0.01 * (boot_ms % 7), 0, 2500)
+
+
+def gnss(boot_ms: int) -> Message:
+    return mavlink.MAVLink_gps_raw_int_message(
+        boot_ms * 1000, 3, 470000000, 80000000, 500_000 + boot_ms % 900, 100, 150, 0, 0, 10, 0, 1000, 2000, 0, 0
+    )
+
+
+def attitude(boot_ms: int) -> Message:
+    return mavlink.MAVLink_attitude_message(boot_ms, 0.01, 0.02, 0.03, 0.0, 0.0, 0.0)
+
+
+def imu(boot_ms: int) -> Message:
+    return mavlink.MAVLink_raw_imu_message(boot_ms * 1000, 3, 4, -1000, 1, 2, 3, 200, 10, 400)
+
+
+# Latency
+
+
+def latency() -> list[Row]:
+    """From the last byte of a SCALED_PRESSURE to our ALTITUDE, against an echo process with frames of the same size."""
+    with tempfile.TemporaryDirectory() as folder:
+        config = Path(folder) / "bench.yaml"
+        config.write_text(f"publish: {{altitude_hz: {PRESSURE_HZ}, debug: false}}\nstreams: {{request: false}}\n")
+        port = free_port()
+        with process(companion(port, "--config", str(config))):
+            ours_ms = round_trips(port, answer=altitude_in)
+        port = free_port()
+        with process([sys.executable, "-c", ECHO, str(port), "44"]):
+            floor_ms = round_trips(port, answer=lambda data: True)
+    ours, floor = np.percentile(ours_ms, (50, 99)), np.percentile(floor_ms, (50, 99))
+    return [
+        ("SCALED_PRESSURE in to ALTITUDE out, p50", f"{ours[0]:.3f} ms", "0.3 ms"),
+        ("the same, p99", f"{ours[1]:.3f} ms", "2 ms"),
+        ("UDP echo process of the same size, p50 / p99 (the floor)", f"{floor[0]:.3f} / {floor[1]:.3f} ms", ""),
+        ("p50 over the floor's", f"{ours[0] / floor[0]:.1f} times", ""),
+    ]
+
+
+def altitude_in(data: bytes) -> bool:
+    return any(frame.message_id == mavlink.MAVLINK_MSG_ID_ALTITUDE for frame in Decoder().feed(data))
+
+
+def round_trips(port: int, answer: Callable[[bytes], bool], count: int = 1500) -> list[float]:
+    """Milliseconds from sending a pressure to the answer, at the pressure's rate in real time."""
+    vehicle, taken = Encoder(1, 1), []
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
+        udp.connect(("127.0.0.1", port))
+        udp.settimeout(0.2)
+        for index in range(count):
+            boot_ms = 10_000 + index * 1000 // PRESSURE_HZ
+            if index % PRESSURE_HZ == 0:
+                udp.send(vehicle.encode(heartbeat()))
+            if index % 10 == 0:
+                udp.send(vehicle.encode(gnss(boot_ms - 120)))
+            time.sleep(1 / PRESSURE_HZ)
+            drain(udp)
+            data = vehicle.encode(pressure(boot_ms))
+            sent_s = time.perf_counter()
+            udp.send(data)
+            try:
+                while not answer(udp.recv(2048)):
+                    pass
+            except TimeoutError:
+                continue  # before the first altitude there is no answer
+            taken.append(1e3 * (time.perf_counter() - sent_s))
+    return taken[len(taken) // 10 :]
+
+
+def drain(udp: socket.socket) -> None:
+    """Forget what came in meanwhile."""
+    with selectors.DefaultSelector() as selector:
+        selector.register(udp, selectors.EVENT_READ)
+        while selector.select(0):
+            udp.recv(2048)
+
+
+# Load and memory
+
+
+def load_and_memory(load_s: int = 15, hour_s: int = 3600) -> list[Row]:
+    """CPU at 400 messages a second in real time; memory after that, after an hour's messages, and after compiling."""
+    with tempfile.TemporaryDirectory() as cache:
+        port = free_port()
+        with process(companion(port), {"KOLLSMAN_CACHE": cache}) as child:
+            cold_mb = resident_mb(child.pid)
+        port = free_port()
+        with process(companion(port), {"KOLLSMAN_CACHE": cache}) as child, sender(port) as send:
+            started_s, cpu_s = time.perf_counter(), cpu_time_s(child.pid)
+            boot_ms = 10_000
+            while time.perf_counter() - started_s < load_s:
+                send(boot_ms)
+                boot_ms += 10
+                time.sleep(max(0.0, started_s + (boot_ms - 10_000) * 1e-3 - time.perf_counter()))
+            share = (cpu_time_s(child.pid) - cpu_s) / (time.perf_counter() - started_s)
+            warm_mb = resident_mb(child.pid)
+            until_ms = boot_ms + hour_s * 1000
+            while boot_ms < until_ms:
+                send(boot_ms)
+                boot_ms += 10
+                if boot_ms % 1000 == 0:
+                    time.sleep(0.015)  # about 25,000 messages a second, which it can follow
+            time.sleep(1.0)
+            hour_mb = resident_mb(child.pid)
+    return [
+        ("load of one core at 400 messages/s", f"{100 * share:.1f} %", "3 %"),
+        ("resident after compiling", f"{cold_mb:.0f} MB", "250 MB"),
+        ("resident from a warm cache, under load", f"{warm_mb:.0f} MB", "200 MB"),
+        ("resident after another hour's messages (1.44 million)", f"{hour_mb:.0f} MB", "no growth"),
+    ]
+
+
+@contextmanager
+def sender(port: int) -> Iterator[Callable[[int], None]]:
+    """A vehicle that sends what is due in ten milliseconds of `MIX_HZ`, each message a datagram."""
+    makers = {"pressure": pressure, "gnss": gnss, "attitude": attitude, "imu": imu}
+    vehicle = Encoder(1, 1)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
+        udp.connect(("127.0.0.1", port))
+        udp.setblocking(False)
+
+        def send(boot_ms: int) -> None:
+            if boot_ms % 1000 == 0:
+                udp.send(vehicle.encode(heartbeat()))
+            for name, rate_hz in MIX_HZ.items():
+                for due in range(boot_ms * rate_hz // 1000, (boot_ms + 10) * rate_hz // 1000):
+                    udp.send(vehicle.encode(makers[name](due * 1000 // rate_hz)))
+            try:
+                while udp.recv(2048):
+                    pass
+            except BlockingIOError:
+                pass
+
+        yield send
+
+
+def cpu_time_s(pid: int) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def resident_mb(pid: int) -> float:
+    status = Path(f"/proc/{pid}/status").read_text(encoding="ascii")
+    found = re.search(r"VmRSS:\s+(\d+) kB", status)
+    return int(found[1]) / 1024 if found else 0.0
+
+
+# Start-up, simulator, estimators
+
+
+def start_up() -> list[Row]:
+    """Best of five, with everything in the file cache."""
+    script = Path(sys.executable).with_name("kollsman")
+    show_help = partial(subprocess.run, [script, "--help"], stdout=subprocess.DEVNULL, check=True)
+    help_s = min(timed(show_help) for _ in range(5))
+    subprocess.run([script, "warm-up"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True)
+
+    def start() -> None:
+        with process(companion(free_port())):
+            started.append(time.perf_counter())
+
+    started: list[float] = []
+    ready_s = []
+    for _ in range(5):
+        before_s = time.perf_counter()
+        start()
+        ready_s.append(started[-1] - before_s)
+    return [
+        ("`kollsman --help`", f"{help_s:.2f} s", "0.3 s"),
+        ("`kollsman run` until ready, compiled code cached", f"{min(ready_s):.2f} s", "2 s"),
+    ]
+
+
+def timed(action: Callable[[], object]) -> float:
+    before_s = time.perf_counter()
+    action()
+    return time.perf_counter() - before_s
+
+
+def simulator() -> list[Row]:
+    """A twenty-minute flight to a log, and JSBSim's bare stepping of the same aircraft for as long."""
+    scenario = load_scenario("calm-circuit")
+    with tempfile.TemporaryDirectory() as folder:
+        flight = Flight(scenario, tlog=Path(folder) / "bench.tlog")
+        summary = flight.run()
+    bare = Flight(scenario)
+    ticks = flight.time_us // TICK_US
+    bare_s = timed(partial(bare.aircraft.advance, 2000 * STEPS_PER_TICK)) * ticks / 2000
+    return [
+        (
+            f"{summary.duration_s / 60:.0f}-minute flight, 50 Hz IMU, to a tlog",
+            f"{summary.speed_ratio:.0f} times real time",
+            "100 times",
+        ),
+        ("JSBSim's own stepping in that", f"{100 * bare_s / summary.elapsed_s:.0f} %", ""),
+    ]
+
+
+def estimators() -> list[Row]:
+    """Cost of a sample in the compiled loop, over a simulated flight."""
+    from companion.estimators import ESTIMATORS, run_log
+    from companion.evaluation.samples import samples_of
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "bench.tlog"
+        Flight(load_scenario("short-hop"), tlog=path).run()
+        log = samples_of(path)
+    rows: list[Row] = []
+    for name, method in ESTIMATORS.items():
+        run_log(method, log)
+        best_s = min(timed(partial(run_log, method, log)) for _ in range(5))
+        rows.append((f"`{name}`, a sample in the compiled loop", f"{1e6 * best_s / len(log):.2f} us", ""))
+    return rows
+
+
+if __name__ == "__main__":
+    main()

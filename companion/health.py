@@ -18,6 +18,8 @@ from pydantic import Field
 from companion.config import Settings
 from companion.samples import Kind, Rows, Verdict
 
+ASSESS_US = 100_000
+
 
 class Health(IntEnum):
     """Ordered: a larger value is worse."""
@@ -59,6 +61,7 @@ class HealthMonitor:
         self._verdict: dict[Kind, Verdict] = {}
         self._heartbeat_us: int | None = None
         self._better_since_us: int | None = None
+        self._assessed_us = -ASSESS_US
 
     def heartbeat(self, now_us: int) -> None:
         """The vehicle's HEARTBEAT came."""
@@ -70,8 +73,13 @@ class HealthMonitor:
         if verdict is Verdict.USED:
             self._used_us[kind] = now_us
 
+    def is_due(self, now_us: int) -> bool:
+        """Whether the last assessment is old enough for one without a new measurement."""
+        return not 0 <= now_us - self._assessed_us < ASSESS_US
+
     def assess(self, now_us: int, estimate: Rows) -> bool:
         """Bring `health` and `reason` up to date; True when the health changed."""
+        self._assessed_us = now_us
         health, reason = self._judge(now_us, estimate)
         if health >= self.health:
             self._better_since_us = None

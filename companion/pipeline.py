@@ -236,12 +236,13 @@ class Pipeline:
         if row["instance"][0] == 0:
             self.health.sample(kind, verdict, now_us)
         self.outputs.sample(kind, row, verdict, estimate)
-        changed = self.health.assess(now_us, estimate)
+        used = verdict is Verdict.USED
+        changed = (used or self.health.is_due(now_us)) and self.health.assess(now_us, estimate)
         if self._observer is not None:
             self._observer.sample(kind, row, verdict, estimate)
         health = self.health.health
         messages: list[Message] = []
-        if verdict is Verdict.USED:
+        if used:
             altitude = self.outputs.altitude(now_us, health, estimate)
             if altitude is not None:
                 messages.append(altitude)

@@ -6,7 +6,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 PIP    := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 
-.PHONY: help demo test test-slow lint bench results clean
+.PHONY: help demo test test-slow lint bench config-page clean
 
 help:            ## what can be made
 	@awk -F':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -25,6 +25,12 @@ lint: $(VENV)/.dev      ## ruff, mypy --strict, import rules
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+config-page: $(VENV)/.sim ## write config/README.md anew from the code
+	@printf '%s\n\n%s\n' '# Keys of companion.yaml' \
+	  'You need no configuration file. Every key is optional; an unknown key, a wrong type or a value out of range is' > config/README.md
+	@printf '%s\n\n' 'refused with one line. `kollsman check FILE` validates a file. Written by `make config-page`, not by hand.' >> config/README.md
+	@$(BIN)/kollsman check --keys >> config/README.md
 
 bench: $(VENV)/.dev     ## latency, load, memory, start-up, simulator speed: ratios within one run
 	$(BIN)/python -m tests.bench

@@ -164,11 +164,27 @@ def replay(
 
 
 @app.command()
-def check(config: Annotated[Path, typer.Argument(help="A companion.yaml.")]) -> None:
+def check(
+    config: Annotated[Path | None, typer.Argument(help="A companion.yaml; without one, the defaults.")] = None,
+    *,
+    keys: Annotated[bool, typer.Option("--keys", help="Instead, list every key as a Markdown table.")] = False,
+) -> None:
     """Validate a configuration file and print the resolved configuration."""
+    if keys:
+        print(_keys_table(), end="")
+        return
     from companion.config import dump  # noqa: PLC0415
 
     print(dump(_settings(config, None)), end="")
+
+
+def _keys_table() -> str:
+    from companion.config import keys as every_key  # noqa: PLC0415
+    from companion.settings import CompanionSettings  # noqa: PLC0415
+
+    lines = ["| key | default | unit | allowed | meaning |", "|---|---|---|---|---|"]
+    lines += [f"| `{key}` | {' | '.join(cells)} |" for key, *cells in every_key(CompanionSettings)]
+    return "\n".join(lines) + "\n"
 
 
 @app.command()

@@ -7,8 +7,9 @@ value is the suffix of its key, its range is declared with ``Field(ge=..., le=..
 """
 
 import difflib
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar, get_args, get_origin
 
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -26,7 +27,13 @@ UNITS = {
 class Settings(BaseModel):
     """Base of every section: unknown keys are errors, values do not change after loading."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, str_strip_whitespace=True)
+    model_config = ConfigDict(
+        extra="forbid",
+        frozen=True,
+        allow_inf_nan=False,
+        str_strip_whitespace=True,
+        use_attribute_docstrings=True,
+    )
 
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -74,6 +81,26 @@ def validate(values: dict[str, Any], model: type[Model], source: str, root: yaml
 def dump(model: BaseModel) -> str:
     """The resolved configuration as YAML."""
     return yaml.safe_dump(model.model_dump(mode="json", by_alias=True), sort_keys=False, allow_unicode=True)
+
+
+def keys(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, str, str, str, str]]:
+    """Every key of a file of this model: (dotted key, default, unit, allowed, meaning)."""
+    for name, field in model.model_fields.items():
+        key = f"{prefix}{field.alias or name}"
+        section = _model_in(field.annotation)
+        if section is not None:
+            yield from keys(section, f"{key}.")
+            continue
+        default = field.get_default(call_default_factory=True)
+        allowed = range_of(field) or _choices(field.annotation)
+        meaning = " ".join((field.description or "").split())
+        yield key, "" if default is None else str(default), unit_of(name), allowed, meaning
+
+
+def _choices(annotation: Any) -> str:
+    if get_origin(annotation) is Literal:
+        return ", ".join(map(str, get_args(annotation)))
+    return "true, false" if annotation is bool else ""
 
 
 def unit_of(key: str) -> str:

@@ -33,11 +33,17 @@ class HealthSettings(Settings):
     """Section ``health``."""
 
     fresh_s: float = Field(2.0, gt=0, le=60)
+    """barometer and GNSS must each have been used this recently to be OK"""
     lost_s: float = Field(5.0, gt=0, le=60)
+    """without any usable height for this long it is LOST"""
     heartbeat_s: float = Field(3.0, gt=0, le=60)
+    """without a heartbeat of the vehicle for this long it is LOST"""
     recover_s: float = Field(2.0, ge=0, le=60)
+    """a turn for the better must last this long"""
     sd_ok_m: float = Field(15.0, gt=0, le=1000)
+    """a larger spread is DEGRADED"""
     sd_lost_m: float = Field(30.0, gt=0, le=1000)
+    """a larger spread is LOST: ALTITUDE stops"""
 
 
 class HealthMonitor:

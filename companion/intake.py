@@ -35,11 +35,13 @@ class IntakeSettings(Settings):
     gap_s: float = Field(10.0, gt=0, le=3600)
     """a stamp that is this much newer is a gap or a damaged stamp: it needs a second witness"""
     datum_limit_m: float = Field(700.0, gt=0, le=10_000)
-    """barometer and GNSS may differ by this (weather: -130 hPa or +25 hPa) ..."""
+    """barometer and GNSS may differ by this, more than twice what the deepest low can do, ..."""
     datum_limit_ratio: float = Field(0.15, ge=0, le=1)
-    """... plus this share of the height (temperature)"""
+    """... plus this share of the height, which is what an arctic winter can do"""
     datum_time_s: float = Field(10.0, gt=0, le=600)
+    """how long they must contradict each other before one is disbelieved, or agree before it is believed again"""
     credible_gnss_sd_m: float = Field(20.0, gt=0, le=1000)
+    """a fix that admits more than this accuses nobody"""
 
 
 class Cause(StrEnum):

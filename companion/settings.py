@@ -29,6 +29,7 @@ class IdentitySettings(Settings):
     system_id: int | None = Field(None, ge=1, le=255)
     """otherwise the vehicle's"""
     component_id: int = Field(OUR_COMPONENT_ID, ge=1, le=255)
+    """our own; another program with it on the link is refused"""
 
 
 EstimatorSections: type[Settings] = create_model(
@@ -46,6 +47,7 @@ class CompanionSettings(Settings):
     """companion.yaml."""
 
     estimator: Literal[tuple(ESTIMATORS)] = DEFAULT_ESTIMATOR  # type: ignore[valid-type]
+    """which one; `kollsman estimators` lists them"""
     vehicle: VehicleSettings = VehicleSettings()
     identity: IdentitySettings = IdentitySettings()
     intake: IntakeSettings = IntakeSettings()

@@ -103,10 +103,15 @@ class AdaptiveFusionSettings(Settings):
     """Section ``estimators.adaptive-fusion``."""
 
     gain: Literal["adaptive", "fixed"] = "adaptive"
+    """the paper's two filters"""
     baro_variance_m2: float = Field(81.0, gt=0, le=1e6)
+    """R_B: variance of the barometer height"""
     gnss_variance_m2: float | Literal["claimed"] = "claimed"
+    """R_GPS: a number (the paper has 169), or as the receiver claims"""
     gnss_sd_floor_m: float = Field(1.0, gt=0, le=100)
+    """a claimed spread below this is not believed"""
     gnss_sd_unknown_m: float = Field(13.0, gt=0, le=1000)
+    """spread of a receiver that claims nothing"""
     pressure_drift_mps: float = Field(0.01, ge=0, le=10)
     """how fast weather may move the pressure level while there is no fix: .01 m/s is 4 hPa an hour"""
 

@@ -48,9 +48,13 @@ class PublishSettings(Settings):
     altitude: Literal["auto", "always", "never"] = "auto"
     """auto: silent while the vehicle sends ALTITUDE itself"""
     altitude_hz: float = Field(10.0, ge=0.1, le=100)
+    """in vehicle time; a message goes out with the first update after its slot falls due"""
     debug: bool = True
+    """DEBUG, DEBUG_VECT, NAMED_VALUE_FLOAT and DEBUG_FLOAT_ARRAY"""
     debug_hz: float = Field(1.0, ge=0.1, le=50)
+    """of each message of the DEBUG family"""
     statustext: bool = True
+    """one line for each change of health"""
 
 
 class Schedule:

@@ -27,10 +27,15 @@ class StreamSettings(Settings):
     """Section ``streams``: rates to ask for; 0 asks for nothing."""
 
     request: bool = True
+    """ask once with SET_MESSAGE_INTERVAL for what the estimator uses; nothing is saved in the vehicle"""
     pressure_hz: float = Field(20.0, ge=0, le=200)
+    """SCALED_PRESSURE"""
     gnss_hz: float = Field(5.0, ge=0, le=50)
+    """GPS_RAW_INT"""
     imu_hz: float = Field(50.0, ge=0, le=400)
+    """RAW_IMU; HIGHRES_IMU from PX4"""
     attitude_hz: float = Field(10.0, ge=0, le=200)
+    """ATTITUDE"""
     status_hz: float = Field(1.0, ge=0, le=10)
     """SYSTEM_TIME, HOME_POSITION, EXTENDED_SYS_STATE"""
 

@@ -5,6 +5,7 @@ What is heavy (Numba, NumPy, pymavlink) is imported by the commands, so that ``-
 
 import json
 import logging
+import math
 import signal
 import sys
 import time
@@ -18,6 +19,9 @@ import typer
 from companion.errors import ConfigError, KollsmanError, LogFormatError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from companion.evaluation.compare import Comparison
     from companion.logs import LogReader
     from companion.service import Service, Status
     from companion.settings import CompanionSettings
@@ -45,6 +49,12 @@ Examples:
   kollsman replay flight.tlog --csv altitude.csv
   kollsman replay flight.tlog --out with-altitude.tlog      (then open it in MAVExplorer)
   kollsman replay flight.tlog --json | jq .errors
+"""
+
+COMPARE_EXAMPLES = """\b
+Examples:
+  kollsman compare flight.tlog
+  kollsman compare flight.tlog --plot errors.png
 """
 
 EstimatorOption = Annotated[str | None, typer.Option(help="In place of the configuration's.", metavar="NAME")]
@@ -161,6 +171,34 @@ def replay(
     for path in (csv, out):
         if path and not as_json:
             print(f"wrote {path}")
+
+
+@app.command(epilog=COMPARE_EXAMPLES)
+def compare(
+    log: Annotated[Path, typer.Argument(help="A recorded log (.tlog).")],
+    *,
+    config: ConfigOption = None,
+    as_json: Annotated[bool, typer.Option("--json", help="The table as JSON.")] = False,
+    plot: Annotated[Path | None, typer.Option(help="Errors over time (extra `sim`).", metavar="OUT.png")] = None,
+    settle: Annotated[float, typer.Option(min=0, help="Seconds left out of the errors.", metavar="S")] = 60.0,
+) -> None:
+    """Every estimator on one log, beside raw barometer, raw GNSS and the autopilot's own."""
+    _refuse_same(log, plot)
+    _say_if_compiling()
+    settings = _settings(config, None)
+
+    from companion.evaluation import compare as comparing  # noqa: PLC0415
+
+    with _bar(log.name, 1.0) as advance:
+        found = comparing.compare(log, settings, settle, advance)
+    if plot:
+        comparing.plot(found, plot, f"{log.name}: altitude errors")
+    if as_json:
+        print(json.dumps({"log": str(log), "settle_s": settle} | found.as_dict(), indent=2))
+        return
+    _print_comparison(found)
+    if plot:
+        print(f"wrote {plot}")
 
 
 @app.command()
@@ -290,17 +328,24 @@ def _stop_signals() -> Iterator[list[int]]:
             signal.signal(number, handler)
 
 
-def _with_progress(reader: "LogReader", name: str) -> Iterator[Any]:
+@contextmanager
+def _bar(name: str, total: float) -> "Iterator[Callable[[float], None]]":
+    """A progress bar on a terminal; what it gives is called with how much is done."""
     from rich.console import Console  # noqa: PLC0415
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
 
     console = Console(stderr=True)
     columns = (TextColumn(name), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(name, total=reader.size_bytes)
+        task = bar.add_task(name, total=total)
+        yield lambda done: bar.update(task, completed=done)
+
+
+def _with_progress(reader: "LogReader", name: str) -> Iterator[Any]:
+    with _bar(name, reader.size_bytes) as advance:
         for count, packet in enumerate(reader):
             if count % 2000 == 0:
-                bar.update(task, completed=reader.position_bytes)
+                advance(reader.position_bytes)
             yield packet
 
 
@@ -336,6 +381,31 @@ def _print_report(report: dict[str, Any]) -> None:
             keys = ("rmse_m", "p95_m", "max_m", "bias_m", "unbiased_rmse_m")
             table.add_row(found["label"], *(f"{found[key]:.2f}" for key in keys))
         console.print(table)
+
+
+def _print_comparison(found: "Comparison") -> None:
+    from rich.console import Console  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+
+    columns = {
+        "RMSE": "rmse_m",
+        "95 %": "p95_m",
+        "max": "max_m",
+        "bias": "bias_m",
+        "no bias": "unbiased_rmse_m",
+        "climb": "climb_rmse_mps",
+        "NEES": "nees",
+        "sd": "median_sd_m",
+        "to baro": "baro_residual_m",
+        "us": "cost_us",
+    }
+    table = Table(f"against {found.reference} (m, m/s)", box=None, pad_edge=False)
+    for column in columns:
+        table.add_column(column, justify="right")
+    for result in found.results:
+        values = (getattr(result, name) for name in columns.values())
+        table.add_row(result.label, *("" if math.isnan(value) else f"{value:.2f}" for value in values))
+    Console(width=120).print(table)
 
 
 def main() -> None:

@@ -79,7 +79,7 @@ class Pipeline:
         self.decoder = Decoder(datagrams=datagrams)
         self.identity = Identity(settings.vehicle.system_id, settings.identity.component_id)
         self.intake = Intake(settings.intake)
-        self.filter = Filter(ESTIMATORS[settings.estimator], settings.estimator_settings())
+        self.filter = Filter(ESTIMATORS[settings.estimator], settings.section(settings.estimator))
         self.health = HealthMonitor(settings.health, self.filter.method.uses)
         self.outputs = Outputs(settings.publish)
         self.verdicts = np.zeros((len(Kind), len(Verdict)), np.int64)

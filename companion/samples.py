@@ -233,6 +233,14 @@ class SampleLog:
     def tables(self) -> Tables:
         return Tables(self._order.view(), *(self._columns[kind].view() for kind in Kind))
 
+    @property
+    def first_us(self) -> int:
+        """Time of the first sample in order of arrival; 0 when there is none."""
+        if not len(self):
+            return 0
+        first = self._order.array[0]
+        return int(self._columns[Kind(int(first["kind"]))].array[int(first["row"])]["time_us"])
+
     def __len__(self) -> int:
         return self._order.size
 

@@ -56,9 +56,9 @@ class CompanionSettings(Settings):
     streams: StreamSettings = StreamSettings()
     estimators: EstimatorSections = EstimatorSections()
 
-    def estimator_settings(self) -> Settings:
-        """The section of the chosen estimator."""
-        section: Settings = getattr(self.estimators, self.estimator.replace("-", "_"))
+    def section(self, estimator: str) -> Settings:
+        """The section of an estimator."""
+        section: Settings = getattr(self.estimators, estimator.replace("-", "_"))
         return section
 
     def with_changes(self, **changes: Any) -> "CompanionSettings":

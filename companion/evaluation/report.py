@@ -7,14 +7,13 @@ import numpy as np
 
 from companion.atmosphere import baro_altitude_array
 from companion.evaluation.metrics import Array, Errors, errors, truth_at
+from companion.evaluation.samples import BOOT_US
 from companion.mavlink.codec import Message
 from companion.pipeline import Pipeline
 from companion.samples import Kind, Rows, Verdict
 
 SETTLE_S = 60.0
 """the first minute is for every estimator to find its start"""
-BOOT_US = 1 << 50
-"""added to the time for each boot, so that every instant of a log with several boots is a different one"""
 
 
 class _Track:

@@ -9,21 +9,27 @@ from companion.pipeline import Pipeline
 from companion.samples import Kind, Rows, SampleLog, Verdict
 from companion.settings import CompanionSettings
 
+BOOT_US = 1 << 50
+"""added for each boot to the times of truth, so that every instant of a log with several boots is a different one"""
+
 
 class _Tap:
     """An observer that keeps every sample as the estimator gets it, with truth and the autopilot's own beside."""
 
     def __init__(self) -> None:
         self.log = SampleLog()
+        self._boot_us = 0
 
     def sample(self, kind: Kind, row: Rows, verdict: Verdict, estimate: Rows) -> None:
+        if kind is Kind.STATUS and row[0]["reboot"] == 1:
+            self._boot_us += BOOT_US
         self.log.append(kind, row)
 
     def truth(self, time_us: int, altitude_amsl_m: float, climb_mps: float) -> None:
-        self.log.append_truth((time_us, altitude_amsl_m, climb_mps))
+        self.log.append_truth((time_us + self._boot_us, altitude_amsl_m, climb_mps))
 
     def autopilot(self, time_us: int, altitude_amsl_m: float, climb_mps: float) -> None:
-        self.log.append_autopilot((time_us, altitude_amsl_m, climb_mps))
+        self.log.append_autopilot((time_us + self._boot_us, altitude_amsl_m, climb_mps))
 
     def published(self, message: Message) -> None:
         """Not a sample."""

@@ -1,0 +1,230 @@
+"""Every estimator on one log, beside the raw sensors and the autopilot's own result."""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from companion.atmosphere import baro_altitude_array
+from companion.estimators import ESTIMATORS, run_log
+from companion.evaluation.metrics import Array, errors, truth_at
+from companion.evaluation.samples import BOOT_US, samples_of
+from companion.samples import Kind, SampleLog
+from companion.settings import CompanionSettings
+
+SETTLE_S = 60.0
+
+
+@dataclass(frozen=True)
+class Result:
+    """One line of the table; unknown is NaN. Errors are against truth, or against GNSS where there is no truth."""
+
+    label: str
+    rmse_m: float = math.nan
+    p95_m: float = math.nan
+    max_m: float = math.nan
+    bias_m: float = math.nan
+    unbiased_rmse_m: float = math.nan
+    climb_rmse_mps: float = math.nan
+    nees: float = math.nan
+    """mean of (error / claimed standard deviation)^2: 1 is honest, more is overconfident"""
+    median_sd_m: float = math.nan
+    baro_residual_m: float = math.nan
+    """rms of altitude - barometer height, without its mean"""
+    cost_us: float = math.nan
+    """a sample in the compiled loop"""
+
+
+@dataclass(frozen=True)
+class Series:
+    """One source over time: shape (n,) each; climb and spread are NaN where the source has none."""
+
+    label: str
+    times_us: Array
+    altitude_m: Array
+    climb_mps: Array
+    sd_m: Array
+    cost_us: float = math.nan
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The series of one log, what they were held against, and the table."""
+
+    reference: str
+    """"truth", or "GNSS" where the log has no truth"""
+    series: list[Series]
+    results: list[Result]
+    truth_us: Array
+    truth_m: Array
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready: unknown is None."""
+        rows = [asdict(result) for result in self.results]
+        plain = [
+            {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in row.items()} for row in rows
+        ]
+        return {"reference": self.reference, "results": plain}
+
+
+def compare(
+    path: Path,
+    settings: CompanionSettings | None = None,
+    settle_s: float = SETTLE_S,
+    on_progress: Callable[[float], None] | None = None,
+) -> Comparison:
+    """Run every estimator over the log at `path`. Raises `LogFormatError`."""
+    settings = settings or CompanionSettings()
+    log = samples_of(path, settings, lambda fraction: on_progress(0.6 * fraction) if on_progress else None)
+    series = []
+    for index, name in enumerate(ESTIMATORS):
+        series.append(estimate_series(name, log, settings))
+        if on_progress:
+            on_progress(0.6 + 0.4 * (index + 1) / len(ESTIMATORS))
+    series += raw_series(log)
+    truth = log.truth
+    start_us = float(log.first_us) + settle_s * 1e6
+    if truth.size > 1:
+        truth_us, truth_m, truth_climb = (_floats(truth[name]) for name in ("time_us", "altitude_amsl_m", "climb_mps"))
+        reference = "truth"
+    else:
+        fixes = next((each for each in series if each.label == "raw GNSS"), None)
+        truth_us = fixes.times_us if fixes is not None else np.zeros(0)
+        truth_m = fixes.altitude_m if fixes is not None else np.zeros(0)
+        truth_climb, reference = np.full(truth_us.shape, np.nan), "GNSS"
+    baro = next((each for each in series if each.label == "raw barometer"), None)
+    results = [_judge(each, (truth_us, truth_m, truth_climb), baro, start_us) for each in series]
+    return Comparison(reference, series, results, truth_us, truth_m)
+
+
+def estimate_series(name: str, log: SampleLog, settings: CompanionSettings) -> Series:
+    """What the estimator `name` says after every barometer sample (every fix, in a log without a barometer)."""
+    method, section = ESTIMATORS[name], settings.section(name)
+    run_log(method, log, section)  # compiled and in the processor's cache
+    before_s = time.perf_counter()
+    estimates, _, _ = run_log(method, log, section)
+    cost_us = (time.perf_counter() - before_s) * 1e6 / max(1, len(log))
+    order = log.tables.order
+    kinds = np.asarray(order["kind"])
+    boots = np.cumsum((kinds == Kind.STATUS) & _reboots(log, kinds, np.asarray(order["row"])))
+    ticks = Kind.PRESSURE if np.any(kinds == Kind.PRESSURE) else Kind.GNSS
+    chosen = (kinds == ticks) & np.isfinite(_floats(estimates["altitude_amsl_m"]))
+    return Series(
+        name,
+        _floats(estimates["time_us"][chosen]) + boots[chosen] * float(BOOT_US),
+        _floats(estimates["altitude_amsl_m"][chosen]),
+        _floats(estimates["climb_mps"][chosen]),
+        _floats(estimates["altitude_sd_m"][chosen]),
+        cost_us,
+    )
+
+
+def raw_series(log: SampleLog) -> list[Series]:
+    """The autopilot's own height, GNSS and barometer as they are, where the log has them."""
+    order = log.tables.order
+    kinds, rows = np.asarray(order["kind"]), np.asarray(order["row"])
+    boots = np.cumsum((kinds == Kind.STATUS) & _reboots(log, kinds, rows)) * float(BOOT_US)
+    found = []
+    own = log.autopilot
+    if own.size:
+        found.append(
+            Series(
+                "autopilot's own",
+                _floats(own["time_us"]),
+                _floats(own["altitude_amsl_m"]),
+                _floats(own["climb_mps"]),
+                np.full(own.size, np.nan),
+            )
+        )
+    gnss, pressure = log[Kind.GNSS], log[Kind.PRESSURE]
+    fixed = (np.asarray(gnss["fix_type"]) >= 3) & (np.asarray(gnss["instance"]) == 0)
+    primary = np.asarray(pressure["instance"]) == 0
+    gnss_us = _floats(gnss["time_us"]) + boots[kinds == Kind.GNSS]
+    baro_us = _floats(pressure["time_us"]) + boots[kinds == Kind.PRESSURE]
+    for label, times_us, altitude_m in (
+        ("raw GNSS", gnss_us[fixed], _floats(gnss["altitude_amsl_m"])[fixed]),
+        ("raw barometer", baro_us[primary], baro_altitude_array(pressure["pressure_pa"][primary])),
+    ):
+        if times_us.size:
+            unknown = np.full(times_us.size, np.nan)
+            found.append(Series(label, times_us, altitude_m, unknown, unknown))
+    return found
+
+
+def plot(comparison: Comparison, path: Path, title: str) -> None:
+    """Errors over time of every series, against what the comparison used."""
+    import matplotlib as mpl  # noqa: PLC0415
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt  # noqa: PLC0415
+
+    figure, axes = plt.subplots(figsize=(10, 5), layout="constrained")
+    for each in comparison.series:
+        error = each.altitude_m - truth_at(each.times_us, comparison.truth_us, comparison.truth_m)
+        raw = math.isnan(each.cost_us)
+        axes.plot(
+            each.times_us % BOOT_US / 60e6,
+            error,
+            linewidth=0.7 if raw else 1.0,
+            alpha=0.6 if raw else 1.0,
+            label=each.label,
+        )
+    axes.axhline(0, color="black", linewidth=0.8)
+    axes.set(xlabel="time since boot (min)", ylabel=f"altitude - {comparison.reference} (m)", title=title)
+    limit = np.nanmax(
+        [5.0, *(2.0 * result.p95_m for result in comparison.results if not result.label.startswith("raw b"))]
+    )
+    axes.set_ylim(-min(limit, 60.0), min(limit, 60.0))
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8, ncols=2)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def _judge(series: Series, reference: tuple[Array, Array, Array], baro: Series | None, start_us: float) -> Result:
+    reference_us, reference_m, reference_climb = reference
+    late = series.times_us >= start_us
+    times_us, altitude_m = series.times_us[late], series.altitude_m[late]
+    expected_m = truth_at(times_us, reference_us, reference_m)
+    found = errors(altitude_m, expected_m)
+    if found is None:
+        return Result(series.label, cost_us=series.cost_us)
+    climb = errors(series.climb_mps[late], truth_at(times_us, reference_us, reference_climb))
+    sd_m = series.sd_m[late]
+    standardised = ((altitude_m - expected_m) / sd_m) ** 2
+    against_baro = errors(altitude_m, truth_at(times_us, baro.times_us, baro.altitude_m)) if baro is not None else None
+    return Result(
+        series.label,
+        found.rmse_m,
+        found.p95_m,
+        found.max_m,
+        found.bias_m,
+        found.unbiased_rmse_m,
+        climb.rmse_m if climb is not None else math.nan,
+        _mean(standardised),
+        float(np.nanmedian(sd_m)) if np.isfinite(sd_m).any() else math.nan,
+        against_baro.unbiased_rmse_m if against_baro is not None else math.nan,
+        series.cost_us,
+    )
+
+
+def _mean(values: Array) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.mean(finite)) if finite.size else math.nan
+
+
+def _reboots(log: SampleLog, kinds: Any, rows: Any) -> Any:
+    """Whether each entry of the order is a STATUS row that reports a reboot."""
+    reboot = np.asarray(log[Kind.STATUS]["reboot"])
+    flags = np.zeros(kinds.size, bool)
+    status = kinds == Kind.STATUS
+    flags[status] = reboot[rows[status]] == 1
+    return flags
+
+
+def _floats(values: Any) -> Array:
+    return np.asarray(values, np.float64)

@@ -156,7 +156,8 @@ def replay(
         for packet in _with_progress(reader, log.name):
             frames = pipeline.feed(packet)
             if writer is not None:
-                writer.write(packet.time_us, packet.data)
+                if not pipeline.heard_ourselves:  # of an earlier run: these are replaced
+                    writer.write(packet.time_us, packet.data)
                 for frame in frames:
                     writer.write(packet.time_us, frame)
         elapsed_s = time.perf_counter() - started_s

@@ -104,6 +104,13 @@ class Pipeline:
     def estimate(self) -> Rows:
         return self.filter.estimate
 
+    @property
+    def heard_ourselves(self) -> bool:
+        """Whether the last packet was a frame with our own ids, as in a recording of an earlier run."""
+        vehicle, component_id = self.identity.vehicle, self.identity.component_id
+        ours = (vehicle[0], component_id) if vehicle is not None else None
+        return any((frame.system_id, frame.component_id) == ours for frame in self.frames)
+
     def observe(self, observer: Observer | None) -> None:
         """Let `observer` see what happens from now on."""
         self._observer = observer

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.clock import Clock
-from companion.errors import IdentityError
+from companion.errors import IdentityError, LogFormatError
 from companion.estimators import ESTIMATORS
 from companion.health import Health
 from companion.links import Link
@@ -199,13 +199,21 @@ class Service:
             self._recent.append(frame)
             if _message_id(frame) == mavlink.MAVLINK_MSG_ID_ALTITUDE:
                 self.published += 1
-            if self._recorder is not None:
-                self._recorder.write(now_us, frame)
+            self._record(now_us, frame)
 
     def _record_heard(self, now_us: int) -> None:
-        if self._recorder is not None:
-            for frame in self.pipeline.frames:
-                self._recorder.write(now_us, frame.data)
+        for frame in self.pipeline.frames:
+            self._record(now_us, frame.data)
+
+    def _record(self, now_us: int, frame: bytes) -> None:
+        """A recording that cannot go on (the disk is full) must not end the service."""
+        if self._recorder is None:
+            return
+        try:
+            self._recorder.write(now_us, frame)
+        except LogFormatError as error:
+            logger.error("recording stops: %s", error)
+            self._recorder = None
 
     def _acknowledged(self, message: Message) -> None:
         if self._requester is not None:

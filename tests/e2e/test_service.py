@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from companion.clock import ManualClock
-from companion.errors import IdentityError
+from companion.errors import IdentityError, LogFormatError
 from companion.links.memory import MemoryLink, pair
+from companion.logs import LogWriter
 from companion.logs.tlog import TlogReader, TlogWriter
 from companion.mavlink.codec import Decoder, Encoder, Message, mavlink
 from companion.pipeline import Pipeline
@@ -25,7 +26,7 @@ COMMAND_LONG = mavlink.MAVLINK_MSG_ID_COMMAND_LONG
 class Bench:
     """A service on one end of a memory link, a hand-driven vehicle on the other."""
 
-    def __init__(self, recorder: TlogWriter | None = None) -> None:
+    def __init__(self, recorder: LogWriter | None = None) -> None:
         self.clock = ManualClock()
         self.near, self.far = pair(self.clock)
         self.service = Service(self.near, CompanionSettings(), self.clock, recorder=recorder)
@@ -227,3 +228,24 @@ def test_noise_on_the_line_is_named(bench: Bench) -> None:
     bench.far.send(b"console text, no MAVLink\r\n" * 20)
     bench.turn(2)
     assert "no MAVLink" in bench.service.notice()
+
+
+def test_a_full_disk_ends_the_recording_not_the_service() -> None:
+    class FullDisk:
+        """A mock: a file system cannot be filled from here."""
+
+        def write(self, time_us: int, frame: bytes) -> None:
+            raise LogFormatError("flight.tlog: cannot be written (No space left on device)")
+
+        def close(self) -> None: ...
+
+        def __enter__(self) -> "FullDisk":
+            return self
+
+        def __exit__(self, *error: object) -> None: ...
+
+    bench = Bench(FullDisk())
+    for second in range(6):
+        bench.second(10_000 + 1000 * second)
+    assert any(message.get_msgId() == ALTITUDE for message in bench.heard())
+    bench.close()

@@ -9,10 +9,11 @@ value is the suffix of its key, its range is declared with ``Field(ge=..., le=..
 import difflib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_args, get_origin
+from types import UnionType
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
@@ -22,6 +23,9 @@ UNITS = {
     "_m": "m", "_mps": "m/s", "_mps2": "m/s2", "_radps": "rad/s", "_rad": "rad", "_deg": "degrees", "_pa": "Pa",
     "_hpa": "hPa", "_hpa_per_h": "hPa/h", "_k": "K", "_s": "s", "_us": "us", "_hz": "Hz", "_m2": "m2",
 }  # fmt: skip
+
+
+_NUMBERS = (float, int, float | None, int | None)
 
 
 class Settings(BaseModel):
@@ -34,6 +38,22 @@ class Settings(BaseModel):
         str_strip_whitespace=True,
         use_attribute_docstrings=True,
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _as_written(cls, values: Any) -> Any:
+        """An empty section has its defaults; yes and no are no numbers, though Python thinks so."""
+        if not isinstance(values, dict):
+            return values
+        values = dict(values)
+        for name, field in cls.model_fields.items():
+            key, kind = field.alias or name, field.annotation
+            value = values.get(key)
+            if value is None and key in values and isinstance(kind, type) and issubclass(kind, BaseModel):
+                values[key] = {}
+            elif isinstance(value, bool) and kind in _NUMBERS:
+                values[key] = "yes" if value else "no"
+        return values
 
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -54,12 +74,17 @@ def load(path: Path | str, model: type[Model]) -> Model:
         raise ConfigError(f"{path}: no such file") from None
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: cannot be read as text: {error}") from None
+    root: yaml.Node | None = None
     try:
         root = yaml.compose(text, Loader=yaml.SafeLoader)
-        _refuse_duplicates(path, root)
         values = yaml.safe_load(text)
     except yaml.YAMLError as error:
-        raise ConfigError(f"{path}: not valid YAML: {' '.join(str(error).split())}") from None
+        raise ConfigError(_yaml_problem(path, text, error)) from None
+    except RecursionError:
+        raise ConfigError(f"{path}: not valid YAML: nested too deeply") from None
+    except ValueError as error:  # a date such as 2001-99-99, an integer of thousands of digits
+        raise ConfigError(f"{path}:{_line_of_bad_value(root)}: not valid YAML: {error}") from None
+    _refuse_duplicates(path, root)
     values = {} if values is None else values
     if not isinstance(values, dict):
         raise ConfigError(f"{path}: must hold `key: value` lines, found a {type(values).__name__}")
@@ -71,11 +96,15 @@ def validate(values: dict[str, Any], model: type[Model], source: str, root: yaml
     try:
         return model.model_validate(values)
     except ValidationError as failure:
-        errors = failure.errors()
-        more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
-        line = _line_of(root, errors[0]["loc"])
+        at: dict[tuple[int | str, ...], list[ErrorDetails]] = {}  # where in the file -> what is wrong there
+        for error in failure.errors():
+            at.setdefault(_location(error["loc"], model), []).append(error)
+        location = min(at, key=lambda location: _line_of(root, location) or 0)
+        line, errors = _line_of(root, location), at[location]
         place = f"{source}:{line}" if line else source
-        raise ConfigError(f"{place}: {_explain(errors[0], model)}{more}") from None
+        said = _explain(errors[0], model) if len(errors) == 1 else _explain_union(errors, location, model)
+        more = f" (and {len(at) - 1} more)" if len(at) > 1 else ""
+        raise ConfigError(f"{place}: {said}{more}") from None
 
 
 def dump(model: BaseModel) -> str:
@@ -118,7 +147,11 @@ def range_of(field: FieldInfo) -> str:
     low = bounds.get("ge", bounds.get("gt"))
     high = bounds.get("le", bounds.get("lt"))
     if low is not None and high is not None:
-        text = f"from {low:g} to {high:g}"
+        closed = "le" in bounds
+        if "ge" in bounds:
+            text = f"from {low:g} to {'' if closed else 'below '}{high:g}"
+        else:
+            text = f"above {low:g}, {'at most' if closed else 'below'} {high:g}"
     elif low is not None:
         text = f"of at least {low:g}" if "ge" in bounds else f"above {low:g}"
     elif high is not None:
@@ -143,9 +176,11 @@ def _explain(error: ErrorDetails, model: type[BaseModel]) -> str:
     unit = unit_of(next((str(part) for part in reversed(error["loc"]) if isinstance(part, str)), ""))
     suffix = f" ({unit})" if unit else ""
     span = range_of(field) if field else ""
-    shown = (
-        repr(given) if not isinstance(given, (dict, list)) or len(str(given)) < 60 else f"this {type(given).__name__}"
-    )
+    shown = repr(given) if len(repr(given)) < 60 else f"this {type(given).__name__}"
+    if error["type"] in {"model_type", "model_attributes_type"}:
+        return f"{key}: {shown} is not a section; give `key: value` lines below it"
+    if error["type"] == "invalid_key":
+        return f"{key}: a key must be text"
     if error["type"] in {"greater_than", "greater_than_equal", "less_than", "less_than_equal", "finite_number"}:
         return f"{key}: {shown} is out of range; give a number {span}{suffix}"
     if error["type"] in {"float_type", "float_parsing", "int_type", "int_parsing", "int_from_float"}:
@@ -179,6 +214,36 @@ def _model_in(annotation: Any) -> type[BaseModel] | None:
     return next((found for inner in getattr(annotation, "__args__", ()) if (found := _model_in(inner))), None)
 
 
+def _location(location: tuple[int | str, ...], model: type[BaseModel]) -> tuple[int | str, ...]:
+    """Where an error is in the file: pydantic adds the alternative that it tried when a field has several types."""
+    _, field = _field_at(model, location[:-1])
+    is_union = field is not None and get_origin(field.annotation) in (Union, UnionType)
+    return location[:-1] if is_union and field is not None and _model_in(field.annotation) is None else location
+
+
+def _explain_union(errors: list[ErrorDetails], location: tuple[int | str, ...], model: type[BaseModel]) -> str:
+    """A value that fits none of a field's types."""
+    _, field = _field_at(model, location)
+    bounded = [part for alternative in get_args(field.annotation if field else None) for part in get_args(alternative)]
+    span = next((range_of(part) for part in bounded if isinstance(part, FieldInfo)), "")
+    words = [
+        error["ctx"]["expected"] if error["type"] == "literal_error" else f"a number {span}".rstrip()
+        for error in errors
+    ]
+    unit = unit_of(str(location[-1]))
+    suffix = f" ({unit})" if unit else ""
+    return f"{'.'.join(map(str, location))}: {errors[0]['input']!r} is neither {' nor '.join(words)}{suffix}"
+
+
+def _yaml_problem(path: Path, text: str, error: yaml.YAMLError) -> str:
+    """One line for a file that is not YAML."""
+    mark = getattr(error, "problem_mark", None)
+    line = mark.line + 1 if mark else text.count("\n", 0, getattr(error, "position", 0)) + 1
+    parts = [getattr(error, name, None) for name in ("context", "problem", "reason")]
+    problem = ": ".join(" ".join(str(part).split()) for part in parts if part)
+    return f"{path}:{line}: not valid YAML: {problem or 'unreadable'}"
+
+
 def _line_of(node: yaml.Node | None, location: tuple[int | str, ...]) -> int | None:
     line = None
     for part in location:
@@ -195,15 +260,40 @@ def _line_of(node: yaml.Node | None, location: tuple[int | str, ...]) -> int | N
     return line
 
 
-def _refuse_duplicates(path: Path, node: yaml.Node | None) -> None:
+def _nodes(root: yaml.Node | None) -> Iterator[yaml.Node]:
+    """Every node once, even of an anchor that contains itself."""
+    waiting, visited = [root], set()
+    while waiting:
+        node = waiting.pop()
+        if node is None or id(node) in visited:
+            continue
+        visited.add(id(node))
+        yield node
+        if isinstance(node, yaml.MappingNode):
+            waiting += [part for pair in reversed(node.value) for part in reversed(pair)]
+        elif isinstance(node, yaml.SequenceNode):
+            waiting += reversed(node.value)
+
+
+def _line_of_bad_value(root: yaml.Node | None) -> int:
+    """The line of the first value that looks like a date or a number and is none."""
+    constructor = yaml.SafeLoader("")
+    for node in _nodes(root):
+        if isinstance(node, yaml.ScalarNode):
+            try:
+                constructor.construct_object(node)
+            except ValueError:
+                return int(node.start_mark.line) + 1
+    return 1
+
+
+def _refuse_duplicates(path: Path, root: yaml.Node | None) -> None:
     """YAML lets a later key silently win over an earlier one; a configuration must not."""
-    if isinstance(node, yaml.MappingNode):
+    for node in _nodes(root):
+        if not isinstance(node, yaml.MappingNode):
+            continue
         seen: set[str] = set()
-        for key, value in node.value:
+        for key, _ in node.value:
             if key.value in seen:
                 raise ConfigError(f"{path}:{key.start_mark.line + 1}: {key.value}: given twice")
             seen.add(key.value)
-            _refuse_duplicates(path, value)
-    elif isinstance(node, yaml.SequenceNode):
-        for value in node.value:
-            _refuse_duplicates(path, value)

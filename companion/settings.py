@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 from pydantic import Field, create_model
 
-from companion.config import Settings, load
+from companion.config import Settings, load, validate
 from companion.estimators import ESTIMATORS
 from companion.health import HealthSettings
 from companion.intake import IntakeSettings
@@ -62,8 +62,8 @@ class CompanionSettings(Settings):
         return section
 
     def with_changes(self, **changes: Any) -> "CompanionSettings":
-        """A copy with top-level values replaced, as options of the command line do."""
-        return CompanionSettings.model_validate(self.model_dump(by_alias=True) | changes)
+        """A copy with top-level values replaced, as options of the command line do. Raises `ConfigError`."""
+        return validate(self.model_dump(by_alias=True) | changes, CompanionSettings, source="options")
 
 
 def load_settings(path: Path | None = None, **changes: Any) -> CompanionSettings:

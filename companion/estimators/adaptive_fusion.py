@@ -43,7 +43,7 @@ it is only as good as the barometer. The fixed filter keeps (1-K) of every barom
 """
 
 import math
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -106,7 +106,7 @@ class AdaptiveFusionSettings(Settings):
     """the paper's two filters"""
     baro_variance_m2: float = Field(81.0, gt=0, le=1e6)
     """R_B: variance of the barometer height"""
-    gnss_variance_m2: float | Literal["claimed"] = "claimed"
+    gnss_variance_m2: Annotated[float, Field(gt=0, le=1e6)] | Literal["claimed"] = "claimed"
     """R_GPS: a number (the paper has 169), or as the receiver claims"""
     gnss_sd_floor_m: float = Field(1.0, gt=0, le=100)
     """a claimed spread below this is not believed"""

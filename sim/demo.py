@@ -106,7 +106,7 @@ def free_port() -> int:
 def fly(
     scenario: str, speed: float | None, out: Path, show: Callable[[Reading], None], say: Callable[[str], None]
 ) -> Path:
-    """Fly `scenario` with a companion on the other side of a UDP socket; the flight's log, with what came back in it."""
+    """Fly `scenario` with a companion at the other end of a UDP socket; the log, with what came back in it."""
     out.mkdir(parents=True, exist_ok=True)
     tlog = out / f"{scenario}.tlog"
     port = free_port()

@@ -1,7 +1,8 @@
 """MAVLink messages -> readings in SI units: the only file that knows MAVLink's units and sentinels.
 
 A converter returns `Reading`s: the kind, the instance, the values in the order of the kind's dtype, and the time stamp
-with its base. Placing that stamp on the vehicle's clock is the work of `companion.intake`.
+with its base. Placing that stamp on the vehicle's clock is the work of `companion.intake`. Every float of a reading is
+finite or NaN, whatever the message holds.
 """
 
 import math
@@ -42,7 +43,7 @@ Readings = tuple[Reading, ...]
 
 def scaled_pressure(message: Message, instance: int) -> Readings:
     """SCALED_PRESSURE/2/3: hPa; the temperature is the sensor die's, in centidegrees."""
-    values = (message.press_abs * 100.0, message.temperature * 0.01 + 273.15, 0)
+    values = (_finite(message.press_abs * 100.0), message.temperature * 0.01 + 273.15, 0)
     return (Reading(Kind.PRESSURE, TimeBase.BOOT, message.time_boot_ms * 1000, instance, values),)
 
 
@@ -73,7 +74,7 @@ def gps_raw(message: Message, instance: int) -> Readings:
 
 def attitude(message: Message) -> Readings:
     """ATTITUDE: already in radians, forward-right-down."""
-    values = (message.roll, message.pitch, message.yaw, (message.rollspeed, message.pitchspeed, message.yawspeed))
+    values = (_finite(message.roll), _finite(message.pitch), _finite(message.yaw), _body_rates(message))
     return (Reading(Kind.ATTITUDE, TimeBase.BOOT, message.time_boot_ms * 1000, 0, values),)
 
 
@@ -87,7 +88,7 @@ def attitude_quaternion(message: Message) -> Readings:
     roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     pitch = math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
     yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    values = (roll, pitch, yaw, (message.rollspeed, message.pitchspeed, message.yawspeed))
+    values = (roll, pitch, yaw, _body_rates(message))
     return (Reading(Kind.ATTITUDE, TimeBase.BOOT, message.time_boot_ms * 1000, 0, values),)
 
 
@@ -113,7 +114,9 @@ def extended_sys_state(message: Message) -> Readings:
 
 
 def home_position(message: Message) -> Readings:
-    """HOME_POSITION: millimetres AMSL."""
+    """HOME_POSITION: millimetres AMSL. One at exactly 0, 0 was never set."""
+    if message.latitude == 0 and message.longitude == 0:
+        return ()
     values = (message.latitude * 1e-7, message.longitude * 1e-7, message.altitude * 1e-3)
     return (Reading(Kind.HOME, TimeBase.NONE, 0, 0, values),)
 
@@ -135,13 +138,13 @@ def highres_imu(message: Message) -> Readings:
     updated = message.fields_updated or 0xFFFF
     readings: list[Reading] = []
     if updated & 0x3F:
-        force = (message.xacc, message.yacc, message.zacc)
-        rate = (message.xgyro, message.ygyro, message.zgyro)
+        force = (_finite(message.xacc), _finite(message.yacc), _finite(message.zacc))
+        rate = (_finite(message.xgyro), _finite(message.ygyro), _finite(message.zgyro))
         readings.append(Reading(Kind.IMU, TimeBase.EITHER, message.time_usec, message.id % 4, (force, rate)))
     if updated & 0x200 and message.abs_pressure > 0:
         pressure_pa = message.abs_pressure * (100.0 if message.abs_pressure < 2000.0 else 1.0)
-        die_k = message.temperature + 273.15 if updated & 0x1000 else math.nan
-        values = (pressure_pa, die_k, 0)
+        die_k = _finite(message.temperature + 273.15) if updated & 0x1000 else math.nan
+        values = (_finite(pressure_pa), die_k, 0)
         readings.append(Reading(Kind.PRESSURE, TimeBase.EITHER, message.time_usec, message.id % 4, values))
     return tuple(readings)
 
@@ -186,6 +189,14 @@ def _inertial(message: Message, accelerometer_scale: float) -> tuple[Any, ...]:
     return force, rate
 
 
+def _body_rates(message: Message) -> tuple[float, float, float]:
+    return _finite(message.rollspeed), _finite(message.pitchspeed), _finite(message.yawspeed)
+
+
+def _finite(value: float) -> float:
+    return value if math.isfinite(value) else math.nan
+
+
 def _present(value: float, scale: float) -> float:
     """An extension field: 0 means that it was not sent."""
     return value * scale if value != 0 else math.nan
@@ -196,5 +207,5 @@ def _known_u16(value: int, scale: float) -> float:
 
 
 def _dop(value: int) -> float:
-    """Dilution of precision; 0 and 65535 are unknown, 9999 is ArduPilot's way to say none."""
+    """Dilution of precision; 0 and 65535 are unknown. 99.99 is what a receiver without a solution says: hopeless."""
     return value * 0.01 if value not in (0, UNKNOWN_U16) else math.nan

@@ -1,6 +1,6 @@
 """Which of the vehicle's IMU messages to believe, and in which unit.
 
-The same primary IMU may be sent as HIGHRES_IMU, SCALED_IMU and RAW_IMU. The first of these that has been heard within
+The same primary IMU may be sent as HIGHRES_IMU, SCALED_IMU and RAW_IMU. The first of these that was accepted within
 two seconds is used. RAW_IMU is in mG from ArduPilot (whatever the XML says), in mm/s2 from others by custom; of a
 generic autopilot, the scale that fits gravity. A source is accepted while the median of its specific force over ten
 seconds is near 1 g, so that wrong units or a broken accelerometer never reach an estimator.
@@ -41,6 +41,8 @@ class GravityCheck:
 
     def accepts(self, time_us: int, force_mps2: float) -> bool:
         """Add a magnitude and say whether the source is plausible now; a clock that went back starts anew."""
+        if not math.isfinite(force_mps2):
+            return False
         window = self._window
         if window and time_us < window[-1][0] - SOURCE_TIMEOUT_US:
             window.clear()
@@ -66,8 +68,6 @@ class ImuSelector:
         `time_us` is the vehicle's clock when the message was heard.
         """
         rank = PRIORITY.get(message_id)
-        if rank is not None:
-            self._heard_us[rank] = time_us
         replaced = rank is not None and any(
             better < rank and abs(time_us - heard_us) < SOURCE_TIMEOUT_US for better, heard_us in self._heard_us.items()
         )
@@ -78,7 +78,11 @@ class ImuSelector:
                 continue
             force = math.hypot(*reading.values[0])
             check = self._checks.setdefault(message_id * 8 + reading.instance, GravityCheck())
-            if check.accepts(time_us, force) and not replaced:
+            if not check.accepts(time_us, force):
+                continue
+            if rank is not None and reading.instance == 0:
+                self._heard_us[rank] = time_us  # what gravity refutes replaces nothing
+            if not replaced:
                 kept.append(reading)
         return tuple(kept)
 
@@ -86,9 +90,14 @@ class ImuSelector:
         """RAW_IMU in SI units."""
         scale = RAW_SCALES.get(autopilot)
         if scale is None:
-            if self._generic_scale is None:
-                counts = math.hypot(message.xacc, message.yacc, message.zacc)
-                fits = min((MILLI_G, MILLI_MPS2), key=lambda s: abs(math.log(max(1.0, counts) * s / G0_MPS2)))
-                self._generic_scale = fits
-            scale = self._generic_scale
+            scale = self._generic_scale or self._fitting_scale(message)
         return convert.raw_imu(message, scale)
+
+    def _fitting_scale(self, message: Message) -> float:
+        """The scale under which this message is about 1 g: kept from now on if one is."""
+        counts = math.hypot(message.xacc, message.yacc, message.zacc)
+        for scale in (MILLI_G, MILLI_MPS2):
+            if LOWEST_G * G0_MPS2 <= counts * scale <= HIGHEST_G * G0_MPS2:
+                self._generic_scale = scale
+                return scale
+        return MILLI_G

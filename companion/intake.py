@@ -232,28 +232,31 @@ class Intake:
         self._latency_us = round(settings.gnss_latency_s * 1e6)
         self._rows = {kind: rows(dtype) for kind, dtype in DTYPES.items()}
 
-    def take(self, reading: Reading, source: int, arrival_us: int) -> tuple[Rows | None, Rows | None]:
+    def place(self, reading: Reading, source: int, arrival_us: int) -> tuple[int | None, Rows | None]:
         """Place a reading on the vehicle's clock.
 
         Returns
         -------
-        sample : the row, shape (1,), valid until the next reading of its kind; None when it was left out (counted).
+        time_us : of the reading; None when it is left out (counted).
         reboot : a STATUS row that must go to the estimator first; None when the clock did not restart.
         """
         clockwork, time_us = self.clock.place(reading, source)
         if clockwork is Clockwork.DOUBT or not 0 <= reading.instance < MAX_INSTANCES:
             self.counters[Cause.NO_CLOCK if self.clock.now_us < 0 else Cause.CLOCK] += 1
             return None, None
-        reboot = self._reboot(time_us, arrival_us) if clockwork is Clockwork.REBOOT else None
+        return time_us, self._reboot(time_us, arrival_us) if clockwork is Clockwork.REBOOT else None
+
+    def row(self, reading: Reading, time_us: int, arrival_us: int) -> Rows:
+        """The sample row, shape (1,), of a reading that was placed at `time_us`; valid until the next of its kind."""
+        row = self._rows[reading.kind]
         if reading.kind is Kind.GNSS:
             time_us -= self._latency_us
-        row = self._rows[reading.kind]
         row[0] = (time_us, arrival_us, reading.instance, *reading.values)
         if reading.kind is Kind.PRESSURE:
             self.datum.pressure(row)
         elif reading.kind is Kind.GNSS:
             self.datum.gnss(row)
-        return row, reboot
+        return row
 
     def _reboot(self, time_us: int, arrival_us: int) -> Rows:
         logger.warning("the vehicle's clock restarted at %.1f s: starting anew", time_us * 1e-6)

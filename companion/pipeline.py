@@ -7,8 +7,6 @@ estimates and the same output messages, bit for bit.
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
-import numpy as np
-
 from companion.estimators import ESTIMATORS, Filter
 from companion.health import Health, HealthMonitor
 from companion.intake import Cause, Intake
@@ -27,15 +25,6 @@ SYSTEM_TIME = mavlink.MAVLINK_MSG_ID_SYSTEM_TIME
 ALTITUDE = mavlink.MAVLINK_MSG_ID_ALTITUDE
 SIM_STATE = mavlink.MAVLINK_MSG_ID_SIM_STATE
 GLOBAL_POSITION_INT = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
-IMU_MESSAGES = frozenset(
-    {
-        RAW_IMU,
-        HIGHRES_IMU,
-        mavlink.MAVLINK_MSG_ID_SCALED_IMU,
-        mavlink.MAVLINK_MSG_ID_SCALED_IMU2,
-        mavlink.MAVLINK_MSG_ID_SCALED_IMU3,
-    }
-)
 COMMANDS = frozenset({mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT})
 PRESSURE_TIMEOUT_US = 2_000_000
 
@@ -82,7 +71,8 @@ class Pipeline:
         self.filter = Filter(ESTIMATORS[settings.estimator], settings.section(settings.estimator))
         self.health = HealthMonitor(settings.health, self.filter.method.uses)
         self.outputs = Outputs(settings.publish)
-        self.verdicts = np.zeros((len(Kind), len(Verdict)), np.int64)
+        self.verdicts = [[0] * len(Verdict) for _ in Kind]
+        """how many samples of each kind got each verdict"""
         self.heard: dict[int, int] = {}
         """messages of the vehicle by id"""
         self.frames: list[Frame] = []
@@ -114,6 +104,7 @@ class Pipeline:
     def observe(self, observer: Observer | None) -> None:
         """Let `observer` see what happens from now on."""
         self._observer = observer
+        self._wants_imu = observer is not None or Kind.IMU in self.filter.method.uses
         if observer is not None:
             self._wanted |= {SIM_STATE, GLOBAL_POSITION_INT}
 
@@ -209,44 +200,52 @@ class Pipeline:
 
     def _readings(self, message: Message, message_id: int) -> tuple[convert.Reading, ...]:
         if message_id == RAW_IMU:
-            readings = self._imu.raw_imu(message, self.identity.autopilot)
-        elif message_id in convert.CONVERTERS:
-            readings = convert.CONVERTERS[message_id](message)
-        else:
-            return ()
-        if message_id in IMU_MESSAGES:
-            kept = self._imu.select(message_id, readings, self.now_us)
-            if message_id == HIGHRES_IMU and self.now_us - self._scaled_pressure_us < PRESSURE_TIMEOUT_US:
-                kept = tuple(reading for reading in kept if reading.kind is not Kind.PRESSURE)
-            self.intake.counters[Cause.REPLACED] += len(readings) - len(kept)
-            return kept
-        if readings and readings[0].kind is Kind.PRESSURE:
-            self._scaled_pressure_us = self.now_us
-        return readings
+            return self._imu.raw_imu(message, self.identity.autopilot)
+        converter = convert.CONVERTERS.get(message_id)
+        return converter(message) if converter is not None else ()
 
     def _reading(self, reading: convert.Reading, message_id: int, arrival_us: int) -> list[bytes]:
-        row, reboot = self.intake.take(reading, message_id, arrival_us)
+        time_us, reboot = self.intake.place(reading, message_id, arrival_us)
         sent: list[bytes] = []
         if reboot is not None:
             self.health.restart()
             self.outputs.restart()
             self._scaled_pressure_us = -PRESSURE_TIMEOUT_US
-            sent += self._sample(Kind.STATUS, reboot)
-        if row is not None:
-            sent += self._sample(reading.kind, row)
-        return sent
+            sent += self._sample(Kind.STATUS, 0, reboot)
+        if time_us is None:
+            return sent
+        if self._is_replaced(reading, message_id):
+            self.intake.counters[Cause.REPLACED] += 1
+        elif reading.kind is Kind.IMU and not self._wants_imu:
+            self.verdicts[Kind.IMU][Verdict.IGNORED] += 1
+        else:
+            return sent + self._sample(reading.kind, reading.instance, self.intake.row(reading, time_us, arrival_us))
+        return sent + self._react(used=False)
 
-    def _sample(self, kind: Kind, row: Rows) -> list[bytes]:
+    def _is_replaced(self, reading: convert.Reading, message_id: int) -> bool:
+        """Whether the same sensor has a better message."""
+        if reading.kind is Kind.IMU:
+            return self._wants_imu and not self._imu.accepts(message_id, reading, self.now_us)
+        if reading.kind is Kind.PRESSURE:
+            if message_id == HIGHRES_IMU:
+                return self.now_us - self._scaled_pressure_us < PRESSURE_TIMEOUT_US
+            self._scaled_pressure_us = self.now_us
+        return False
+
+    def _sample(self, kind: Kind, instance: int, row: Rows) -> list[bytes]:
         verdict = self.filter.step(kind, row)
-        self.verdicts[kind, verdict] += 1
-        now_us, estimate = self.now_us, self.filter.estimate
-        if row["instance"][0] == 0:
-            self.health.sample(kind, verdict, now_us)
-        self.outputs.sample(kind, row, verdict, estimate)
-        used = verdict is Verdict.USED
-        changed = (used or self.health.is_due(now_us)) and self.health.assess(now_us, estimate)
+        self.verdicts[kind][verdict] += 1
+        if instance == 0:
+            self.health.sample(kind, verdict, self.now_us)
+        self.outputs.sample(kind, row, verdict, self.filter.estimate)
         if self._observer is not None:
-            self._observer.sample(kind, row, verdict, estimate)
+            self._observer.sample(kind, row, verdict, self.filter.estimate)
+        return self._react(used=verdict is Verdict.USED)
+
+    def _react(self, *, used: bool) -> list[bytes]:
+        """What is due now that the vehicle's clock has moved: health, ALTITUDE if the estimate is new, DEBUG."""
+        now_us, estimate = self.now_us, self.filter.estimate
+        changed = (used or self.health.is_due(now_us)) and self.health.assess(now_us, estimate)
         health = self.health.health
         messages: list[Message] = []
         if used:

@@ -9,8 +9,6 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
 from companion.clock import Clock
 from companion.errors import IdentityError, LogFormatError
 from companion.estimators import ESTIMATORS
@@ -121,7 +119,7 @@ class Service:
         """The state now, and rates since the last call."""
         now_us = self.clock.now_us()
         elapsed_s = max(1e-3, (now_us - self._status_us) * 1e-6)
-        counts = {kind.name.lower(): int(np.sum(self.pipeline.verdicts[kind])) for kind in Kind}
+        counts = {kind.name.lower(): sum(self.pipeline.verdicts[kind]) for kind in Kind}
         counts["altitude"] = self.published
         rates_hz = {name: (count - self._status_counts.get(name, 0)) / elapsed_s for name, count in counts.items()}
         self._status_us, self._status_counts = now_us, counts
@@ -184,7 +182,7 @@ class Service:
         for kind, name in ((Kind.PRESSURE, "barometer (SCALED_PRESSURE)"), (Kind.GNSS, "GNSS (GPS_RAW_INT)")):
             if kind not in pipeline.filter.method.uses or pipeline.verdicts[kind][Verdict.USED]:
                 continue
-            heard = int(np.sum(pipeline.verdicts[kind]))
+            heard = sum(pipeline.verdicts[kind])
             if heard:
                 return f"{heard} messages of the {name} but none usable: wait for a 3D fix, or check the sensor"
             names = ", ".join(sorted(mavlink.mavlink_map[message_id].msgname for message_id in pipeline.heard)[:8])

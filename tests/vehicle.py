@@ -215,7 +215,7 @@ class Outcome:
         self.altitudes.append(message)
 
     def count(self, kind: Kind, verdict: Verdict) -> int:
-        return int(self.pipeline.verdicts[kind, verdict])
+        return int(self.pipeline.verdicts[kind][verdict])
 
     def amsl_m(self) -> list[float]:
         return [float(message.altitude_amsl) for message in self.altitudes]

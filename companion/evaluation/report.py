@@ -119,9 +119,9 @@ def build(
     """The report as plain data: JSON-ready, unknown is None."""
     identity = pipeline.identity
     samples = {
-        kind.name.lower(): {v.name.lower(): int(n) for v, n in zip(Verdict, pipeline.verdicts[kind], strict=True) if n}
+        kind.name.lower(): {v.name.lower(): n for v, n in zip(Verdict, pipeline.verdicts[kind], strict=True) if n}
         for kind in Kind
-        if pipeline.verdicts[kind].any()
+        if any(pipeline.verdicts[kind])
     }
     altitudes_m = collector.track("estimate")[1]
     known = np.isfinite(altitudes_m)

@@ -13,7 +13,6 @@ from statistics import median
 from companion.mavlink import convert
 from companion.mavlink.codec import Message, mavlink
 from companion.mavlink.convert import G0_MPS2, Reading
-from companion.samples import Kind
 
 MILLI_G = 1e-3 * G0_MPS2
 MILLI_MPS2 = 1e-3
@@ -62,29 +61,21 @@ class ImuSelector:
         self._checks: dict[int, GravityCheck] = {}
         self._generic_scale: float | None = None
 
-    def select(self, message_id: int, readings: tuple[Reading, ...], time_us: int) -> tuple[Reading, ...]:
-        """`readings` of an IMU message without those that a better source replaces or gravity refutes.
+    def accepts(self, message_id: int, reading: Reading, time_us: int) -> bool:
+        """Whether no better source replaces an IMU reading and gravity does not refute it.
 
         `time_us` is the vehicle's clock when the message was heard.
         """
+        check = self._checks.setdefault(message_id * 8 + reading.instance, GravityCheck())
+        if not check.accepts(time_us, math.hypot(*reading.values[0])):
+            return False  # what gravity refutes replaces nothing
         rank = PRIORITY.get(message_id)
-        replaced = rank is not None and any(
+        if rank is None or reading.instance != 0:
+            return True
+        self._heard_us[rank] = time_us
+        return not any(
             better < rank and abs(time_us - heard_us) < SOURCE_TIMEOUT_US for better, heard_us in self._heard_us.items()
         )
-        kept = []
-        for reading in readings:
-            if reading.kind is not Kind.IMU:
-                kept.append(reading)
-                continue
-            force = math.hypot(*reading.values[0])
-            check = self._checks.setdefault(message_id * 8 + reading.instance, GravityCheck())
-            if not check.accepts(time_us, force):
-                continue
-            if rank is not None and reading.instance == 0:
-                self._heard_us[rank] = time_us  # what gravity refutes replaces nothing
-            if not replaced:
-                kept.append(reading)
-        return tuple(kept)
 
     def raw_imu(self, message: Message, autopilot: int) -> tuple[Reading, ...]:
         """RAW_IMU in SI units."""

@@ -25,7 +25,8 @@ def select(selector: ImuSelector, message: Message, boot_s: float, autopilot: in
     """The kinds that are left of a message."""
     message_id = type(message).id
     readings = selector.raw_imu(message, autopilot) if message_id == RAW else CONVERTERS[message_id](message)
-    return [reading.kind for reading in selector.select(message_id, readings, round(boot_s * SECOND_US))]
+    now_us = round(boot_s * SECOND_US)
+    return [each.kind for each in readings if each.kind is not Kind.IMU or selector.accepts(message_id, each, now_us)]
 
 
 def force_mps2(readings: tuple[Reading, ...]) -> float:

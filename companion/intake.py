@@ -5,17 +5,15 @@ here depends on the host's clock.
 """
 
 import logging
-import math
 from collections import Counter
 from enum import StrEnum
 
 from pydantic import Field
 
-from companion.atmosphere import baro_altitude_m
 from companion.config import Settings
-from companion.estimators.method import HIGHEST_GNSS_M, LOWEST_GNSS_M
 from companion.mavlink.convert import Reading, TimeBase
-from companion.samples import DTYPES, MAX_INSTANCES, Kind, Rows, Suspicion, rows
+from companion.samples import DTYPES, MAX_INSTANCES, Kind, Rows, rows
+from companion.screening import DatumScreen
 
 logger = logging.getLogger("kollsman.intake")
 
@@ -31,9 +29,9 @@ class IntakeSettings(Settings):
     gnss_latency_s: float = Field(0.12, ge=0, le=1)
     """age of a GNSS height when the autopilot stamps it: receivers of the u-blox class take 0.1 to 0.2 s"""
     reorder_s: float = Field(2.0, gt=0, le=10)
-    """a stamp that is this much older than the newest one is no reordering but a restarted clock"""
+    """a stamp that is this far from the newest one, either way, is a restart, a gap or damaged: it needs a witness"""
     gap_s: float = Field(10.0, gt=0, le=3600)
-    """a stamp that is this much newer is a gap or a damaged stamp: it needs a second witness"""
+    """how soon after such a stamp a second one must agree with it"""
     datum_limit_m: float = Field(700.0, gt=0, le=10_000)
     """barometer and GNSS may differ by this, more than twice what the deepest low can do, ..."""
     datum_limit_ratio: float = Field(0.15, ge=0, le=1)
@@ -42,6 +40,8 @@ class IntakeSettings(Settings):
     """how long they must contradict each other before one is disbelieved, or agree before it is believed again"""
     credible_gnss_sd_m: float = Field(20.0, gt=0, le=1000)
     """a fix that admits more than this accuses nobody"""
+    step_limit_m: float = Field(60.0, gt=0, le=10_000)
+    """barometer and GNSS may move apart by this at once, beyond what speed and accuracy explain"""
 
 
 class Cause(StrEnum):
@@ -64,7 +64,8 @@ class VehicleClock:
     """The vehicle's boot clock as its stamps tell it.
 
     A discontinuity needs two witnesses: one stamp far from the clock is set aside; a second one that agrees with it
-    moves the clock. Backwards is a reboot, forwards a gap in what we heard.
+    moves the clock. Backwards is a reboot, forwards a gap in what we heard. Only stamps that
+    count from boot are witnesses.
     """
 
     def __init__(self, settings: IntakeSettings) -> None:
@@ -86,14 +87,16 @@ class VehicleClock:
             return self.tick(self._unwrapped(reading.stamp_us))
         if self.now_us < 0:
             return Clockwork.DOUBT, -1
-        return self.tick(self._mapped(reading.stamp_us, source))
+        time_us = self._mapped(reading.stamp_us, source)
+        self.now_us = max(self.now_us, time_us)
+        return Clockwork.TICK, time_us
 
     def tick(self, time_us: int) -> tuple[Clockwork, int]:
         """Take a boot time as heard."""
         if self.now_us < 0:
             self.now_us = time_us
             return Clockwork.TICK, time_us
-        if -self._reorder_us <= time_us - self.now_us <= self._gap_us:
+        if abs(time_us - self.now_us) <= self._reorder_us:
             self.now_us = max(self.now_us, time_us)
             self._witness_us = None if time_us == self.now_us else self._witness_us
             return Clockwork.TICK, time_us
@@ -102,9 +105,10 @@ class VehicleClock:
             return Clockwork.DOUBT, time_us
         self._witness_us = None
         went_back = time_us < self.now_us
-        self.now_us = time_us
         if not went_back:
+            self.now_us = time_us
             return Clockwork.TICK, time_us
+        self.now_us = time_us = time_us - self._wraps * WRAP_MS * 1000
         self.reboots += 1
         self._wraps = 0
         self._unix_offset_us = None
@@ -130,96 +134,23 @@ class VehicleClock:
     def _mapped(self, stamp_us: int, source: int) -> int:
         """A stamp that may count from boot, from 1970 or from anything, on the boot clock.
 
-        The first base under which it is within five seconds of the clock; else the base is learned from this stamp. A
-        stamp that repeats stays where it was: a dead GNSS receiver repeats its last fix.
+        The first base under which it is near the clock; else the base is learned from this stamp. A stamp that repeats
+        stays where it was: a dead GNSS receiver repeats its last fix.
         """
         if stamp_us == 0:
             return self.now_us
         last = self._repeats.get(source)
         if last is not None and last[0] == stamp_us:
             return last[1]
-        near_us = 5_000_000
         offsets = (0, self._unix_offset_us, self._offsets.get(source))
         for offset_us in offsets:
-            if offset_us is not None and abs(stamp_us - offset_us - self.now_us) <= near_us:
+            if offset_us is not None and abs(stamp_us - offset_us - self.now_us) <= self._reorder_us:
                 break
         else:
             offset_us = self._offsets[source] = stamp_us - self.now_us
         time_us = stamp_us - offset_us
         self._repeats[source] = (stamp_us, time_us)
         return time_us
-
-
-class DatumScreen:
-    """Barometer against GNSS: which of the two contradicts the other by more than weather can.
-
-    Half the true pressure (505 hPa at 90 m) is 5400 m wrong. When they agreed before, the one that moved since is the
-    suspect; when they never agreed it is the barometer, since the fix admits its own accuracy.
-    """
-
-    def __init__(self, settings: IntakeSettings) -> None:
-        self._settings = settings
-        self.restart()
-
-    def restart(self) -> None:
-        """Forget everything, as after a reboot."""
-        self._gnss: tuple[int, float] | None = None
-        self._agreed: dict[int, tuple[float, float]] = {}  # instance -> (barometer, GNSS) when they last agreed
-        self._suspect: dict[int, Kind | None] = {}
-        self._since_us: dict[int, int] = {}  # when the present (dis)agreement began to differ from the verdict
-
-    def gnss(self, row: Rows) -> None:
-        """Note a credible GNSS height, and mark it when it is the suspect."""
-        value = row[0]
-        height_m, sd_m = value["altitude_amsl_m"], value["vertical_sd_m"]
-        credible = value["fix_type"] >= 3 and LOWEST_GNSS_M <= height_m <= HIGHEST_GNSS_M
-        if credible and not sd_m > self._settings.credible_gnss_sd_m and value["instance"] == 0:
-            self._gnss = (int(value["time_us"]), float(height_m))
-        if self._suspect.get(0) is Kind.GNSS:
-            value["suspect"] = Suspicion.DATUM
-
-    def pressure(self, row: Rows) -> None:
-        """Judge a pressure, and mark it when it is the suspect."""
-        value = row[0]
-        instance, time_us = int(value["instance"]), int(value["time_us"])
-        baro_m = baro_altitude_m(float(value["pressure_pa"]))
-        if self._gnss is not None and 0 <= time_us - self._gnss[0] < 5_000_000 and math.isfinite(baro_m):
-            self._judge(instance, time_us, baro_m, self._gnss[1])
-        if self._suspect.get(instance) is Kind.PRESSURE:
-            value["suspect"] = Suspicion.DATUM
-
-    def _judge(self, instance: int, time_us: int, baro_m: float, gnss_m: float) -> None:
-        limit_m = self._settings.datum_limit_m + self._settings.datum_limit_ratio * abs(gnss_m)
-        agree = abs(baro_m - gnss_m) <= limit_m
-        first = instance not in self._suspect
-        believed = self._suspect.get(instance) is None
-        if not first and agree == believed:
-            self._since_us.pop(instance, None)
-        elif first or time_us - self._since_us.setdefault(instance, time_us) >= self._settings.datum_time_s * 1e6:
-            self._since_us.pop(instance, None)
-            self._suspect[instance] = None if agree else self._blame(instance, baro_m, gnss_m)
-            if not agree or not first:
-                logger.warning(
-                    "barometer %d reads %.0f m, GNSS %.0f m: %s",
-                    instance, baro_m, gnss_m,
-                    "they agree again" if agree else f"the {_NAMES[self._suspect[instance]]} is not used",
-                )  # fmt: skip
-        if agree:
-            self._agreed[instance] = (baro_m, gnss_m)
-
-    def _blame(self, instance: int, baro_m: float, gnss_m: float) -> Kind:
-        if instance not in self._agreed:
-            return Kind.PRESSURE
-        baro_then_m, gnss_then_m = self._agreed[instance]
-        return Kind.GNSS if abs(gnss_m - gnss_then_m) > abs(baro_m - baro_then_m) else Kind.PRESSURE
-
-    @property
-    def suspects(self) -> tuple[Kind, ...]:
-        """The kinds that are disbelieved now."""
-        return tuple(kind for kind in self._suspect.values() if kind is not None)
-
-
-_NAMES = {Kind.PRESSURE: "barometer", Kind.GNSS: "GNSS height", None: ""}
 
 
 class Intake:

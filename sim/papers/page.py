@@ -36,7 +36,7 @@ TRUTH, BARO, GNSS, INERTIAL = "#222222", "#d1772a", "#3874b8", "#8a5aa8"
 FUSED, OTHER, BOUND = "#21854c", "#b8403a", "#8c8c8c"
 """Colours by role, the same on every page. FUSED is the paper's own proposal, OTHER what it is compared with."""
 
-_WIDTH_IN, _PANEL_IN, _DPI, _COLOURS = 8.0, 2.7, 110, 96
+_WIDTH_IN, _PANEL_IN, _DPI, _COLOURS = 8.0, 2.7, 110, 48
 
 _STYLE: dict[str, Any] = {
     "font.family": "DejaVu Sans",
@@ -50,6 +50,7 @@ _STYLE: dict[str, Any] = {
     "grid.color": "#e4e4e4",
     "grid.linewidth": 0.6,
     "axes.axisbelow": True,
+    "axes.xmargin": 0.01,
     "axes.formatter.useoffset": False,
     "lines.linewidth": 1.1,
     "legend.frameon": False,

@@ -3,7 +3,7 @@
 ===========  ==============================================================================================
 OK           barometer and GNSS were both used within ``fresh_s`` and the spread is within ``sd_ok_m``
 DEGRADED     one of them is missing or refused, or the spread is larger
-LOST         no height for ``lost_s``, spread above ``sd_lost_m``, no heartbeat, or a non-finite estimate
+LOST         no height for ``lost_s``, spread above ``sd_lost_m``, no heartbeat, or no finite, possible estimate
 ===========  ==============================================================================================
 
 A turn for the worse takes effect at once (its conditions already wait), one for the better after ``recover_s``.
@@ -19,6 +19,10 @@ from companion.config import Settings
 from companion.samples import Kind, Rows, Verdict
 
 ASSESS_US = 100_000
+
+
+LOWEST_M, HIGHEST_M = -2000.0, 60_000.0
+"""No vehicle of ours is elsewhere."""
 
 
 class Health(IntEnum):
@@ -112,7 +116,12 @@ class HealthMonitor:
             return Health.LOST, "no heartbeat from the vehicle"
         if not (math.isfinite(altitude_m) and math.isfinite(sd_m)):
             return Health.LOST, self._missing(now_us) or "no altitude yet"
-        if now_us - int(value["time_us"]) > settings.lost_s * 1e6:
+        if not LOWEST_M <= altitude_m <= HIGHEST_M:
+            return Health.LOST, "altitude impossible"
+        estimate_us = int(value["time_us"])
+        heights_us = (self._used_us[kind] for kind in self._needed if kind in self._used_us)
+        newest_us = min(estimate_us, max(heights_us, default=estimate_us))  # an inertial estimate goes on without any
+        if now_us - newest_us > settings.lost_s * 1e6:
             return Health.LOST, f"no usable height for {settings.lost_s:g} s"
         if sd_m > settings.sd_lost_m:
             return Health.LOST, f"altitude uncertain by {sd_m:.0f} m"

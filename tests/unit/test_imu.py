@@ -23,10 +23,13 @@ def scaled(boot_s: float, force_mg: int = 1000, kind: type = mavlink.MAVLink_sca
 
 def select(selector: ImuSelector, message: Message, boot_s: float, autopilot: int = ARDUPILOT) -> list[Kind]:
     """The kinds that are left of a message."""
-    message_id = type(message).id
+    message_id, time_us = type(message).id, round(boot_s * SECOND_US)
     readings = selector.raw_imu(message, autopilot) if message_id == RAW else CONVERTERS[message_id](message)
-    now_us = round(boot_s * SECOND_US)
-    return [each.kind for each in readings if each.kind is not Kind.IMU or selector.accepts(message_id, each, now_us)]
+    return [
+        reading.kind
+        for reading in readings
+        if reading.kind is not Kind.IMU or selector.accepts(message_id, reading, time_us)
+    ]
 
 
 def force_mps2(readings: tuple[Reading, ...]) -> float:

@@ -31,6 +31,7 @@ Modules
 ``vehicle``         the MAVLink face: streams, commands, what the companion sends back
 ``scenario``        the typed scenario file
 ``flight``          the loop, its pace, and the summary
+``papers``          the published systems' simulations, and pages of printed against ours
 ``cli``             the command ``kollsman-sim``
 ==================  ===================================================================================
 """

@@ -4,6 +4,7 @@ What is heavy (JSBSim, NumPy, pymavlink) is imported by the commands, so that ``
 """
 
 import math
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from rich.progress import TaskID
 
     from companion.links import Link
+    from sim.campaign import Row
     from sim.demo import Reading
     from sim.flight import Flight, Progress, Summary
 
@@ -49,6 +51,23 @@ _DEMO_EXAMPLES = """\b
 Examples:
   kollsman-sim demo
   kollsman-sim demo --speed 60 --scenario short-hop
+"""
+
+_CAMPAIGN_EXAMPLES = """\b
+Examples:
+  kollsman-sim campaign weather-change calm-circuit --seeds 20
+  kollsman-sim campaign my.yaml --seeds 100 --estimator adaptive-fusion --workers 4
+  kollsman-sim campaign weather-change --seeds 500 --scheduler tcp://10.0.0.5:8786
+"""
+
+
+_CORRUPT_EXAMPLES = """\b
+Examples:
+  A minute without the receiver, ten minutes into the log:
+    kollsman-sim corrupt flight.tlog outage.tlog --fault outage:start_s=600,duration_s=60
+  A lossy and late radio, and a barometer that spikes by 2 hPa:
+    kollsman-sim corrupt flight.tlog bad.tlog --fault drop:probability=0.2 --fault delay:delay_s=1.5,jitter_s=1 \\
+      --fault spike:quantity=pressure,size=200,probability=0.01
 """
 
 
@@ -159,6 +178,70 @@ def _beside(value: float, truth: float) -> str:
     return f"{value:9.1f} {value - truth:+6.1f} " if math.isfinite(value) else f"{'-':>17s}"
 
 
+@app.command(epilog=_CAMPAIGN_EXAMPLES)
+def campaign(
+    scenarios: Annotated[list[str], typer.Argument(help="Names of scenarios, or paths of .yaml files.")],
+    *,
+    seeds: Annotated[int, typer.Option(min=1, help="Flights of each scenario, with seeds 1 to N.")] = 10,
+    estimator: Annotated[list[str] | None, typer.Option(help="Repeatable. Default: all.", metavar="E")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes. Default: one a core.", metavar="N")] = None,
+    scheduler: Annotated[str | None, typer.Option(help="A Dask cluster instead.", metavar="tcp://HOST:PORT")] = None,
+    out: Annotated[Path, typer.Option(help="Folder of the results.", metavar="DIR")] = Path("out/campaign"),
+) -> None:
+    """Scenario x seed x estimator to Parquet and a table; a campaign that was stopped goes on where it was."""
+    from companion.estimators import ESTIMATORS  # noqa: PLC0415
+    from sim import campaign as fleet  # noqa: PLC0415
+
+    unknown = [name for name in estimator or [] if name not in ESTIMATORS]
+    if unknown:
+        raise _usage(f"no estimator is called '{unknown[0]}'; there are: {', '.join(ESTIMATORS)}")
+    fleet.require_parquet()
+    jobs = fleet.jobs_of(scenarios, seeds, estimator or list(ESTIMATORS))
+    with fleet.executor_of(workers or os.cpu_count() or 1, scheduler) as executor, _job_bar(len(jobs)) as report:
+        rows = fleet.run(jobs, executor, out, report)
+    _print_campaign(fleet.summary(rows), fleet.failures(rows))
+    print(f"wrote {out / 'campaign.parquet'} ({len(rows)} rows)")
+
+
+@contextmanager
+def _job_bar(total: int) -> "Iterator[Callable[[int, list[Row]], None]]":
+    from rich.console import Console  # noqa: PLC0415
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
+
+    columns = (BarColumn(), TextColumn("{task.completed}/{task.total} flights"), TimeRemainingColumn())
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("", total=total)
+
+        def report(done: int, rows: "list[Row]") -> None:
+            bar.update(task, completed=done)
+            for row in rows[:1]:
+                if row["error"] is not None:
+                    print(f"failed: {row['scenario']} seed {row['seed']}: {row['error']}", file=sys.stderr)
+
+        yield report
+
+
+def _print_campaign(lines: "list[Row]", failed: list[str]) -> None:
+    from rich.console import Console  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+
+    names = {
+        "RMSE": "rmse_m", "+-": "rmse_sd_m", "95 %": "p95_m", "worst": "max_m", "climb": "climb_rmse_mps",
+        "NEES": "nees", "sd": "median_sd_m", "us": "cost_us",
+    }  # fmt: skip
+    table = Table("scenario", "source", "flights", box=None, pad_edge=False)
+    for name in names:
+        table.add_column(name, justify="right")
+    for line in lines:
+        values = (line[key] for key in names.values())
+        cells = ("" if math.isnan(value) else f"{value:.2f}" for value in values)
+        table.add_row(line["scenario"], line["source"], str(line["flights"]), *cells)
+    Console(width=120).print(table)
+    if failed:
+        print(f"{len(failed)} flights failed; the next run tries them again")
+
+
 @app.command(name="list")
 def list_scenarios() -> None:
     """Show the scenarios that come with the simulator."""
@@ -175,6 +258,61 @@ def list_scenarios() -> None:
         scenario = load_scenario(name)
         table.add_row(name, scenario.aircraft, f"{scenario.summary} {scenario.expected}".strip())
     Console().print(table)
+
+
+@app.command(epilog=_CORRUPT_EXAMPLES)
+def corrupt(
+    source: Annotated[Path | None, typer.Argument(help="The log to read.", metavar="IN.tlog")] = None,
+    target: Annotated[Path | None, typer.Argument(help="The log to write.", metavar="OUT.tlog")] = None,
+    *,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(help="May be given several times; the first acts first.", metavar="NAME[:key=value,...]"),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Same seed, same bytes.")] = 1,
+    show: Annotated[bool, typer.Option("--list", help="Show the faults and their parameters.")] = False,
+) -> None:
+    """Copy a log with faults: packets lost, late or out of order, sensors that fail, clocks that jump."""
+    if show:
+        _print_faults()
+        return
+    if source is None or target is None or not fault:
+        raise _usage("give IN.tlog, OUT.tlog and at least one --fault NAME; --list shows the faults")
+
+    from rich.console import Console  # noqa: PLC0415
+    from rich.progress import Progress as ProgressBar  # noqa: PLC0415
+
+    from sim.corrupt import corrupt as copy  # noqa: PLC0415
+    from sim.faults import parse_fault  # noqa: PLC0415
+
+    faults = [parse_fault(text) for text in fault]
+    console = Console(stderr=True)
+    with ProgressBar(console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(source.name, total=None)
+        found = copy(source, target, faults, seed, lambda done, total: bar.update(task, completed=done, total=total))
+    print(
+        f"{target}: {found.written} of {found.read} packets written, {found.touched} of them changed or at another time"
+    )
+
+
+def _print_faults() -> None:
+    from rich.console import Console  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+
+    from sim.corrupt import parameters, table  # noqa: PLC0415
+    from sim.faults import Fault  # noqa: PLC0415
+
+    shown = Table(box=None, pad_edge=False)
+    for title in ("fault", "parameter", "default", "allowed", "what it is"):
+        shown.add_column(title, style="bold" if title == "fault" else None)
+    for name, meaning, own in table():
+        shown.add_row(name, "", "", "", meaning)
+        for row in own:
+            shown.add_row("", *row)
+    shown.add_row("all of them", "", "", "", "have these too")
+    for row in parameters(Fault, common=True):
+        shown.add_row("", *row)
+    Console().print(shown)
 
 
 @app.command()

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -76,15 +76,16 @@ def compare(
     settings: CompanionSettings | None = None,
     settle_s: float = SETTLE_S,
     on_progress: Callable[[float], None] | None = None,
+    estimators: Sequence[str] = tuple(ESTIMATORS),
 ) -> Comparison:
-    """Run every estimator over the log at `path`. Raises `LogFormatError`."""
+    """Run estimators over the log at `path`. Raises `LogFormatError`."""
     settings = settings or CompanionSettings()
     log = samples_of(path, settings, lambda fraction: on_progress(0.6 * fraction) if on_progress else None)
     series = []
-    for index, name in enumerate(ESTIMATORS):
+    for index, name in enumerate(estimators):
         series.append(estimate_series(name, log, settings))
         if on_progress:
-            on_progress(0.6 + 0.4 * (index + 1) / len(ESTIMATORS))
+            on_progress(0.6 + 0.4 * (index + 1) / len(estimators))
     series += raw_series(log)
     truth = log.truth
     start_us = float(log.first_us) + settle_s * 1e6

@@ -1,0 +1,91 @@
+"""Campaigns on real processes: a pool, and a real Dask scheduler with workers on loopback."""
+
+import subprocess
+import sys
+from concurrent.futures import Executor, Future
+from pathlib import Path
+
+import pytest
+
+from sim import campaign
+from sim.scenario import load_scenario
+
+ESTIMATOR = ("adaptive-fusion",)
+
+
+class Here(Executor):
+    """Runs a job when it is submitted, and counts."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def submit(self, function, /, *arguments, **named):  # type: ignore[no-untyped-def]
+        self.count += 1
+        future: Future[object] = Future()
+        future.set_result(function(*arguments, **named))
+        return future
+
+
+def hop(seed: int = 1, **changes: object) -> campaign.Job:
+    return campaign.Job(load_scenario("short-hop").model_copy(update=changes), seed, ESTIMATOR)
+
+
+def test_a_stopped_campaign_goes_on_where_it_was(tmp_path: Path) -> None:
+    first, second = Here(), Here()
+    rows = campaign.run([hop(1)], first, tmp_path)
+    again = campaign.run([hop(1), hop(2)], second, tmp_path)
+    assert (first.count, second.count) == (1, 1)
+    assert again[: len(rows)] == rows
+    assert campaign.read(tmp_path / "campaign.parquet") == again
+    assert {row["source"] for row in rows} == {"adaptive-fusion", "autopilot's own", "raw GNSS", "raw barometer"}
+    (line,) = [line for line in campaign.summary(again) if line["source"] == "adaptive-fusion"]
+    assert line["flights"] == 2
+    assert 0.5 < line["rmse_m"] < 20
+
+
+def test_a_failed_flight_is_a_row_and_is_tried_again(tmp_path: Path) -> None:
+    bad = hop(1, limit_s=10.0)
+    executor = Here()
+    rows = campaign.run([bad], executor, tmp_path)
+    assert "limit_s" in rows[0]["error"]
+    assert len(campaign.failures(rows)) == 1
+    campaign.run([bad], executor, tmp_path)
+    assert executor.count == 2
+
+
+def test_a_changed_scenario_is_another_job() -> None:
+    assert hop(1).key != hop(2).key
+    assert hop(1).key != hop(1, limit_s=900.0).key
+
+
+@pytest.mark.slow
+def test_command_on_two_processes(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "sim.cli", "campaign", "short-hop", "--seeds", "2", "--workers", "2"]
+    done = subprocess.run(
+        [*command, "--estimator", "adaptive-fusion", "--out", str(tmp_path)],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "adaptive-fusion" in done.stdout
+    assert len(campaign.read(tmp_path / "campaign.parquet")) == 8
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning", "ignore::ResourceWarning")
+def test_dask_cluster_gives_the_same_rows(tmp_path: Path) -> None:
+    """A scheduler and two workers in processes of their own, spoken to over TCP."""
+    from distributed import LocalCluster
+
+    timing = {"elapsed_s", "cost_us"}
+    jobs = [hop(1), hop(2)]
+    here = campaign.run(jobs, Here(), tmp_path / "here")
+    with (
+        LocalCluster(n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None) as cluster,
+        campaign.executor_of(1, cluster.scheduler_address) as executor,
+    ):
+        there = campaign.run(jobs, executor, tmp_path / "there")
+    for a, b in zip(here, there, strict=True):
+        assert {k: v for k, v in a.items() if k not in timing} == {k: v for k, v in b.items() if k not in timing}

@@ -28,7 +28,9 @@ from companion.samples import Kind, Rows, Verdict
 
 FRESH_US = 1_000_000
 VEHICLE_ALTITUDE_US = 5_000_000
+TAKEOVER_S = 2.0
 STATUSTEXT_SIZE = 50
+LARGEST_FLOAT = 3.4028234e38
 FLOAT_ARRAY_SIZE = 58
 SEVERITY = {
     Health.OK: mavlink.MAV_SEVERITY_INFO,
@@ -80,22 +82,36 @@ class Monotonic:
     def __init__(self) -> None:
         self.altitude_m = math.nan
         self._offset_m = 0.0
-        self._epoch: tuple[int, int] | None = None
+        self._source: tuple[int, int] | None = None
         self._time_us = 0
 
-    def update(self, epoch: tuple[int, int], time_us: int, pressure_pa: float) -> None:
-        """Take an accepted pressure; a new `epoch` (boot count, instance) is joined to where the last one ended."""
+    def update(self, boots: int, instance: int, time_us: int, pressure_pa: float) -> bool:
+        """Take an accepted pressure, unless it is of another barometer while the one followed is alive.
+
+        A reboot, a barometer that takes over from one that fell silent, and a jump of one that recovered from a fault
+        are joined to where the altitude was.
+        """
+        source, elapsed_s = (boots, instance), (time_us - self._time_us) * 1e-6
+        is_other = self._source is not None and self._source[0] == boots and self._source[1] != instance
+        if is_other and elapsed_s <= TAKEOVER_S:
+            return False
         baro_m = baro_altitude_m(pressure_pa)
-        if epoch != self._epoch:
-            joined_m = 0.0 if math.isnan(self.altitude_m) else self.altitude_m
-            self._offset_m = joined_m - baro_m
-            self._epoch = epoch
+        if math.isnan(self.altitude_m):
+            self._offset_m = -baro_m
+        elif source != self._source or abs(baro_m + self._offset_m - self.altitude_m) > _reach_m(elapsed_s):
+            self._offset_m = self.altitude_m - baro_m
         self.altitude_m = baro_m + self._offset_m
-        self._time_us = time_us
+        self._source, self._time_us = source, time_us
+        return True
 
     def at(self, now_us: int) -> float:
         """The value now: NaN when the last pressure is older than two seconds."""
         return self.altitude_m if abs(now_us - self._time_us) <= 2 * FRESH_US else math.nan
+
+
+def _reach_m(elapsed_s: float) -> float:
+    """How far a barometer may go between two samples; beyond, it was faulty before or is now."""
+    return 60.0 + 50.0 * min(max(0.0, elapsed_s), 10.0)
 
 
 class Outputs:
@@ -115,7 +131,7 @@ class Outputs:
         self._local_origin_m = math.nan
         self._home_m = math.nan
         self._arming_m = math.nan
-        self._armed = False
+        self._armed: bool | None = None  # unknown: a vehicle may be met in the air
         self._range: tuple[int, float] | None = None
         self._cos_tilt: tuple[int, float] | None = None
         self._vehicle_altitude_us: int | None = None
@@ -129,28 +145,35 @@ class Outputs:
         """Follow a sample and its verdict."""
         value = row[0]
         if kind is Kind.PRESSURE:
-            if verdict is Verdict.USED:
-                self._pressure_pa = float(value["pressure_pa"])
-                epoch = (self._boots, int(value["instance"]))
-                self.monotonic.update(epoch, int(value["time_us"]), self._pressure_pa)
+            pressure_pa = float(value["pressure_pa"])
+            if verdict is Verdict.USED and self.monotonic.update(
+                self._boots, int(value["instance"]), int(value["time_us"]), pressure_pa
+            ):
+                self._pressure_pa = pressure_pa
         elif kind is Kind.HOME:
             home_m = float(value["altitude_amsl_m"])
             self._home_m = home_m if -1000.0 < home_m < 10_000.0 else self._home_m
         elif kind is Kind.STATUS:
-            if value["armed"] == 1 and not self._armed:
-                self._arming_m = float(estimate[0]["altitude_amsl_m"])
+            if value["armed"] == 1 and self._armed is False:
+                is_fresh = abs(int(value["time_us"]) - int(estimate[0]["time_us"])) <= 2 * FRESH_US
+                self._arming_m = float(estimate[0]["altitude_amsl_m"]) if is_fresh else math.nan
             if value["armed"] >= 0:
-                self._armed = value["armed"] == 1
+                self._armed = bool(value["armed"] == 1)
         elif kind is Kind.RANGE:
             if value["downward"] == 1:
                 self._range = (int(value["time_us"]), float(value["distance_m"]))
         elif kind is Kind.ATTITUDE:
-            self._cos_tilt = (int(value["time_us"]), math.cos(value["roll_rad"]) * math.cos(value["pitch_rad"]))
+            cos_tilt = math.cos(value["roll_rad"]) * math.cos(value["pitch_rad"])
+            self._cos_tilt = (int(value["time_us"]), cos_tilt if cos_tilt > 0.0 else math.nan)
 
     def altitude(self, now_us: int, health: Health, estimate: Rows) -> Message | None:
         """ALTITUDE, when one is due and may be sent."""
         altitude_m = float(estimate[0]["altitude_amsl_m"])
-        if health is Health.LOST or not math.isfinite(altitude_m) or self.settings.altitude == "never":
+        if health is Health.LOST or not math.isfinite(altitude_m):
+            return None
+        if math.isnan(self._local_origin_m):
+            self._local_origin_m = altitude_m
+        if self.settings.altitude == "never":
             return None
         heard_us = self._vehicle_altitude_us
         if self.settings.altitude == "auto" and heard_us is not None and abs(now_us - heard_us) < VEHICLE_ALTITUDE_US:
@@ -158,8 +181,6 @@ class Outputs:
         time_us = int(estimate[0]["time_us"])
         if time_us < 0 or not self._altitude_slots.takes(time_us):
             return None
-        if math.isnan(self._local_origin_m):
-            self._local_origin_m = altitude_m
         reference_m = self._arming_m if math.isnan(self._home_m) else self._home_m
         clearance_m = self._clearance_m(now_us)
         return mavlink.MAVLink_altitude_message(
@@ -192,7 +213,7 @@ class Outputs:
             _named(boot_ms, "klBaroOff", float(value["baro_offset_m"])),
             _named(boot_ms, "klQnhHpa", qnh_hpa),
             mavlink.MAVLink_debug_message(boot_ms, 0, sd_m),
-            mavlink.MAVLink_debug_vect_message(b"kollsman", now_us, altitude_m, climb_mps, sd_m),
+            mavlink.MAVLink_debug_vect_message(b"kollsman", now_us, altitude_m, _single(climb_mps), sd_m),
             mavlink.MAVLink_debug_float_array_message(now_us, b"klState", 0, state_floats(state)),
         ]
         return messages
@@ -227,8 +248,13 @@ def state_floats(state: Rows) -> list[float]:
     values = np.concatenate([np.ravel(state[name][0]) for name in scalars]) if scalars else np.zeros(0)
     padded = np.zeros(FLOAT_ARRAY_SIZE)
     padded[: min(values.size, FLOAT_ARRAY_SIZE)] = values[:FLOAT_ARRAY_SIZE]
-    return [float(value) for value in padded]
+    return [_single(float(value)) for value in padded]
+
+
+def _single(value: float) -> float:
+    """A float that a message can hold: what is too large for single precision is infinite."""
+    return value if math.isnan(value) or abs(value) <= LARGEST_FLOAT else math.copysign(math.inf, value)
 
 
 def _named(boot_ms: int, name: str, value: float) -> Message:
-    return mavlink.MAVLink_named_value_float_message(boot_ms, name.encode(), value)
+    return mavlink.MAVLink_named_value_float_message(boot_ms, name.encode(), _single(value))

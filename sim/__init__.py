@@ -30,6 +30,8 @@ Modules
 ``ports``           one a link or log: what it is sent, how often, and how much it was
 ``vehicle``         the MAVLink face: streams, commands, what the companion sends back
 ``scenario``        the typed scenario file
+``faults``          what goes wrong on the way, on simulated and on recorded streams alike
+``corrupt``         a log with faults
 ``flight``          the loop, its pace, and the summary
 ``papers``          the published systems' simulations, and pages of printed against ours
 ``cli``             the command ``kollsman-sim``

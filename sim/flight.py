@@ -8,6 +8,7 @@ looks at the host's clock, and only to wait.
 """
 
 import contextlib
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -18,10 +19,12 @@ from companion.clock import Clock, SystemClock
 from companion.errors import SimulationError
 from companion.links import Link
 from companion.logs.tlog import TlogWriter
+from companion.samples import Packet
 from sim import BOOT_UNIX_US, STEPS_PER_TICK
 from sim.aircraft import Aircraft, Truth
 from sim.autopilot import UPDATE_HZ, Autopilot, Mode
 from sim.estimate import OwnEstimate
+from sim.faults.way import Way
 from sim.ports import Port
 from sim.profile import Profile
 from sim.scenario import Scenario
@@ -107,21 +110,20 @@ class Flight:
         self._stopped = False
         self._airborne = False
         self._received_bytes = 0
-        seed = scenario.seed if seed is None else seed
+        self._ways: list[Way] = []
+        seed = self._seed = scenario.seed if seed is None else seed
         self._start_aircraft(seed)
         self._start_sensors(seed)
         self._writer = TlogWriter(tlog) if tlog is not None else None
         self.vehicle = Vehicle(
             OwnEstimate(scenario.sensors.estimate, seed, MOTION_US * 1e-6), self._record if self._writer else None
         )
-        self._links = [
-            (link, Port(link.url, link.send, scenario.streams_hz if all_streams else {}, full=all_streams))
-            for link in links
-        ]
+        rates_hz = scenario.streams_hz if all_streams else {}
+        self._links = [(link, Port(link.url, self._way(link), rates_hz, full=all_streams)) for link in links]
         for _, port in self._links:
             self.vehicle.add_port(port)
         if self._writer is not None:
-            self.vehicle.add_port(Port(str(tlog), self._log, scenario.streams_hz, full=True))
+            self.vehicle.add_port(Port(str(tlog), self._way(None), scenario.streams_hz, full=True))
 
     def _start_aircraft(self, seed: int) -> None:
         scenario, runway = self.scenario, self.scenario.runway
@@ -156,6 +158,8 @@ class Flight:
             if self._writer is not None:
                 stack.callback(self._writer.close)
             self._loop(progress, started_s)
+            for way in self._ways:
+                way.due(math.inf)
         return self._summary(time.perf_counter() - started_s)
 
     def stop(self) -> None:
@@ -206,6 +210,8 @@ class Flight:
                 self._received_bytes += len(data)
                 self.vehicle.receive(port, data)
         self.vehicle.stream()
+        for way in self._ways:
+            way.due(BOOT_UNIX_US + self.time_us)
 
     def _motion(self) -> None:
         """What happens at 50 Hz: truth, autopilot, IMU, GNSS, the vehicle's own estimate."""
@@ -239,9 +245,28 @@ class Flight:
 
     # Where telemetry goes
 
+    def _way(self, link: Link | None) -> Callable[[bytes], bool]:
+        """What takes the frames of a port to `link`, or to the log, through the scenario's faults."""
+        deliver = self._log if link is None else link.send
+        if not self.scenario.faults:
+            return deliver
+        if link is None:
+            way = Way(self.scenario.faults, self._seed, self._log_time_us, self._log_packet)
+        else:
+            way = Way(self.scenario.faults, self._seed, self._log_time_us, lambda packet: link.send(packet.data))
+        self._ways.append(way)
+        return way
+
     def _log(self, frame: bytes) -> bool:
         self._record(self.time_us, frame)
         return True
+
+    def _log_packet(self, packet: Packet) -> bool:
+        self._record(packet.time_us - BOOT_UNIX_US, packet.data)
+        return True
+
+    def _log_time_us(self) -> int:
+        return BOOT_UNIX_US + self.time_us
 
     def _record(self, time_us: int, frame: bytes) -> None:
         if self._writer is not None:

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from companion.config import Settings, load
 from companion.errors import SimulationError
 from sim.estimate import EstimateConfig
+from sim.faults import AnyFault
 from sim.ports import check_rates
 from sim.profile import Leg
 from sim.sensors.barometer import BarometerConfig
@@ -54,6 +55,8 @@ class Scenario(Settings):
     sensors: Sensors = Sensors()
     streams_hz: dict[str, Annotated[float, Field(ge=0.0, le=50.0)]] = Field(default_factory=dict)
     """rates by message name, in place of the full set of a log (and, with --all-streams, of a link)"""
+    faults: tuple[AnyFault, ...] = ()
+    """what goes wrong between the vehicle and whoever listens, on every link and in the log (see `sim.faults`)"""
 
     @model_validator(mode="after")
     def _can_be_flown(self) -> "Scenario":

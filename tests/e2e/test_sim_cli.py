@@ -76,6 +76,44 @@ def test_a_mistake_is_one_line_and_an_exit_code(
     assert complaint in result.stderr
 
 
+def test_corrupt_writes_the_same_bytes_every_time(short_hop: Path, tmp_path: Path) -> None:
+    arguments = ("--fault", "outage:start_s=60,duration_s=20", "--fault", "drop:probability=0.2")
+    for name in ("a.tlog", "b.tlog"):
+        result = run("corrupt", str(short_hop), name, *arguments, cwd=tmp_path)
+        assert result.returncode == 0, result.stderr
+        assert result.stderr == ""
+        assert " packets written, " in result.stdout
+    assert (tmp_path / "a.tlog").read_bytes() == (tmp_path / "b.tlog").read_bytes()
+    assert len(list(TlogReader(tmp_path / "a.tlog"))) < len(list(TlogReader(short_hop)))
+    listed = run("corrupt", "--list", cwd=tmp_path)
+    assert listed.returncode == 0
+    for name in ("drop", "blocked_static_port", "spoofing", "jump_s", "half_pressure", "start_s"):
+        assert name in listed.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "complaint"),
+    [
+        (["in.tlog", "out.tlog"], 2, "give IN.tlog, OUT.tlog and at least one --fault NAME"),
+        (["in.tlog", "in.tlog", "--fault", "drop"], 1, "in.tlog: is the log to be read"),
+        (["none.tlog", "out.tlog", "--fault", "drop"], 1, "none.tlog: no such file"),
+        (["in.tlog", "no/folder.tlog", "--fault", "drop"], 1, "the folder no does not exist"),
+        (["in.tlog", "out.tlog", "--fault", "drp"], 1, "no fault 'drp'; did you mean `drop`?"),
+        (["text.tlog", "out.tlog", "--fault", "drop"], 1, "text.tlog: not a telemetry log"),
+    ],
+)
+def test_a_mistake_of_corrupt_is_one_line(
+    arguments: list[str], code: int, complaint: str, short_hop: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "in.tlog").write_bytes(short_hop.read_bytes()[:10_000])
+    (tmp_path / "text.tlog").write_text("not a log\n" * 100)
+    result = run("corrupt", *arguments, cwd=tmp_path)
+    assert result.returncode == code
+    assert result.stderr.startswith("kollsman-sim: ")
+    assert result.stderr.count("\n") == 1
+    assert complaint in result.stderr
+
+
 def test_list_shows_every_scenario(tmp_path: Path) -> None:
     result = run("list", cwd=tmp_path)
     assert result.returncode == 0

@@ -1,0 +1,133 @@
+"""Faults as transformers of a stream of packets, alike for a simulated vehicle and for a log.
+
+    faulty(packets, [Drop(start_s=60, duration_s=10)], seed=1)     any iterable of packets
+    Stream(faults, seed)                                           the same, packet by packet, for a live link
+
+A packet is one whole frame, as logs and the simulator have them. A fault touches the frames of one component (the
+autopilot's), edits them with a correct checksum, and leaves all others and their sequence numbers as they are. What it
+draws depends on its seed and on the packet alone: the same sample meets the same luck in a live run and in its log.
+
+`FAULTS` drives the scenario files, the command ``kollsman-sim corrupt`` and its list. A new fault is a class, and its
+name in `AnyFault`.
+"""
+
+import difflib
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Annotated, Any, get_args
+
+from pydantic import Field
+
+from companion.config import validate
+from companion.errors import ConfigError
+from companion.mavlink.framing import V1, V2
+from companion.samples import Packet
+from sim.faults.base import Dice, Fault, Moment
+from sim.faults.clock import ClockJump, Reboot
+from sim.faults.editing import header
+from sim.faults.gnss import Jamming, Outage, Slide, Spoofing
+from sim.faults.link import Delay, Drop, Duplicate, Reorder
+from sim.faults.values import BlockedStaticPort, Freeze, Noise, Ramp, Spike, Step, SwappedUnits
+
+__all__ = ["FAULTS", "AnyFault", "Fault", "Stream", "faulty", "parse_fault"]
+
+AnyFault = Annotated[
+    Drop | Duplicate | Reorder | Delay  # of the way
+    | Freeze | Spike | Step | Ramp | Noise | SwappedUnits | BlockedStaticPort  # of a sensor's readings
+    | Outage | Jamming | Spoofing | Slide  # of the receiver
+    | ClockJump | Reboot,
+    Field(discriminator="fault"),
+]  # fmt: skip
+
+FAULTS: Mapping[str, type[Fault]] = {
+    kind.model_fields["fault"].default: kind for kind in get_args(get_args(AnyFault)[0])
+}
+"""name -> its parameters (the model's fields), its help (the docstring), and how to make it (`Fault.effect`)"""
+
+
+class _Stage:
+    """One fault of a stream."""
+
+    def __init__(self, fault: Fault, dice: Dice) -> None:
+        self._effect = fault.effect(dice)
+        self.due = self._effect.due
+        self._ids = self._effect.ids
+        self._component = fault.component
+        self._start_us = round(fault.start_s * 1e6)
+        self._duration_us = math.inf if fault.duration_s is None else round(fault.duration_s * 1e6)
+
+    def feed(self, packet: Packet, age_us: int) -> Iterable[Packet]:
+        data = packet.data
+        if not data or data[0] not in (V1, V2):
+            return (packet,)
+        sequence, component_id, message_id = header(data)
+        if self._ids is not None and message_id not in self._ids:
+            return (packet,)
+        if self._component and component_id != self._component:
+            return (packet,)
+        since_us = age_us - self._start_us
+        return self._effect.feed(packet, Moment(message_id, sequence, since_us, 0 <= since_us < self._duration_us))
+
+
+class Stream:
+    """The faults of one stream, the first in the list being the nearest to the vehicle."""
+
+    def __init__(self, faults: Sequence[Fault], seed: int) -> None:
+        self._stages = [
+            _Stage(fault, Dice(seed if fault.seed is None else fault.seed, type(fault).__name__, number))
+            for number, fault in enumerate(faults)
+        ]
+        self._origin_us: int | None = None
+
+    def feed(self, packet: Packet) -> list[Packet]:
+        """What goes on now that `packet` has come."""
+        if self._origin_us is None:
+            self._origin_us = packet.time_us
+        found = self.due(packet.time_us)
+        self._push(0, packet, found)
+        return found
+
+    def due(self, time_us: float) -> list[Packet]:
+        """What was held back until now. A live link asks for it in every tick; ``math.inf`` at the end gives all."""
+        found: list[Packet] = []
+        for number, stage in enumerate(self._stages):
+            for packet in stage.due(time_us):
+                self._push(number + 1, packet, found)
+        return found
+
+    def _push(self, number: int, packet: Packet, found: list[Packet]) -> None:
+        if number == len(self._stages):
+            found.append(packet)
+            return
+        stage = self._stages[number]
+        for ready in (*stage.due(packet.time_us), *stage.feed(packet, packet.time_us - (self._origin_us or 0))):
+            self._push(number + 1, ready, found)
+
+
+def faulty(packets: Iterable[Packet], faults: Sequence[Fault], seed: int = 0) -> Iterator[Packet]:
+    """`packets` with `faults`."""
+    stream = Stream(faults, seed)
+    for packet in packets:
+        yield from stream.feed(packet)
+    yield from stream.due(math.inf)
+
+
+def parse_fault(text: str) -> Fault:
+    """A fault as the command line spells it: ``drop:start_s=60,duration_s=10``.
+
+    Raises ConfigError, in one line, for what is none.
+    """
+    name, _, rest = text.partition(":")
+    if name not in FAULTS:
+        guess = difflib.get_close_matches(name, FAULTS, 1)
+        raise ConfigError(
+            f"--fault {text}: no fault '{name}'; "
+            + (f"did you mean `{guess[0]}`?" if guess else f"there are {', '.join(FAULTS)}")
+        )
+    values: dict[str, Any] = {}
+    for part in filter(None, rest.split(",")):
+        key, equals, value = part.partition("=")
+        if not equals or key in values or key == "fault":
+            raise ConfigError(f"--fault {text}: '{part}' is not a key=value that is new here")
+        values[key] = value
+    return validate(values, FAULTS[name], f"--fault {text}")

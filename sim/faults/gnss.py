@@ -1,0 +1,137 @@
+"""Faults of the first receiver (GPS_RAW_INT): no fix, jammed, spoofed, and the fix that slides."""
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from sim.faults.base import Dice, Edit, Effect, Fault, Metres, Moment
+from sim.faults.editing import Editor
+from sim.faults.values import GPS
+
+_EARTH_M_PER_DEG = 111_319.49
+_UNKNOWN_U16 = 65535
+Rate = Annotated[float, Field(ge=-1000.0, le=1000.0)]
+Span = Annotated[float, Field(gt=0.0, le=1e5)]
+
+
+def _blind(message: Editor) -> None:
+    """What an autopilot sends without a fix."""
+    for name in ("lat", "lon", "alt", "vel", "satellites_visible", "alt_ellipsoid", "h_acc", "v_acc", "vel_acc"):
+        message[name] = 0
+    for name in ("eph", "epv", "cog"):
+        message[name] = _UNKNOWN_U16
+    message["fix_type"] = 1
+
+
+def _move(message: Editor, north_m: float, east_m: float, up_m: float) -> None:
+    message["lat"] = message["lat"] + north_m / _EARTH_M_PER_DEG * 1e7
+    shrink = math.cos(math.radians(message["lat"] * 1e-7))
+    message["lon"] = message["lon"] + east_m / (_EARTH_M_PER_DEG * shrink) * 1e7
+    message["alt"] = message["alt"] + up_m * 1e3
+    _add_known(message, "alt_ellipsoid", up_m * 1e3)
+
+
+def _add_known(message: Editor, name: str, value: float) -> None:
+    """To an extension field that was sent."""
+    if message[name] != 0:
+        message[name] = message[name] + value
+
+
+class Outage(Fault):
+    """The receiver has no fix, or is not heard at all."""
+
+    fault: Literal["outage"] = "outage"
+    silent: bool = False
+    """nothing comes, in place of messages that say "no fix" """
+
+    def effect(self, dice: Dice) -> Effect:
+        def change(message: Editor, _: Moment) -> bool | None:
+            if self.silent:
+                return False
+            _blind(message)
+            return None
+
+        return Edit({GPS}, change)
+
+
+class Jamming(Fault):
+    """A jammer comes near and goes: fewer satellites, noise, honest poor accuracy, and no fix where it is nearest."""
+
+    fault: Literal["jamming"] = "jamming"
+    duration_s: Span = 120.0
+    ramp_s: Span = 30.0
+    """how long it takes to come, and to go"""
+    noise_m: Annotated[float, Field(ge=0.0, le=10_000.0)] = 30.0
+    """standard deviation of the height where the fix is about to be lost; half of it sideways"""
+    blind_above: Annotated[float, Field(gt=0.0, le=1.0)] = 0.8
+    """share of its full strength at which the fix is lost"""
+
+    def effect(self, dice: Dice) -> Effect:
+        def change(message: Editor, moment: Moment) -> None:
+            strength = max(
+                0.0, min(1.0, moment.since_s / self.ramp_s, (self.duration_s - moment.since_s) / self.ramp_s)
+            )
+            if strength > self.blind_above:
+                _blind(message)
+            if message["fix_type"] < 2:
+                return
+            sd_m = self.noise_m * strength / self.blind_above
+            north, east, up = (dice.normal(moment.since_us, axis) * sd_m for axis in range(3))
+            _move(message, 0.5 * north, 0.5 * east, up)
+            if message["satellites_visible"] != 255:
+                message["satellites_visible"] = max(4, message["satellites_visible"] * (1.0 - strength))
+            for name in ("eph", "epv"):
+                if message[name] != _UNKNOWN_U16:
+                    message[name] = min(message[name] * (1.0 + 4.0 * strength), _UNKNOWN_U16 - 1)
+            for name, share in (("h_acc", math.sqrt(0.5)), ("v_acc", 1.0)):
+                if message[name] != 0:
+                    message[name] = math.hypot(message[name], share * sd_m * 1e3)
+
+        return Edit({GPS}, change)
+
+
+class Spoofing(Fault):
+    """The position is led away, slowly and with a clean conscience: the accuracies stay what they were."""
+
+    fault: Literal["spoofing"] = "spoofing"
+    up_mps: Rate = 1.0
+    north_mps: Rate = 0.0
+    east_mps: Rate = 0.0
+    limit_s: Span = 300.0
+    """how long it is led away; then the error stays"""
+
+    def effect(self, dice: Dice) -> Effect:
+        def change(message: Editor, moment: Moment) -> None:
+            if message["fix_type"] < 2:
+                return
+            led_s = min(moment.since_s, self.limit_s)
+            _move(message, self.north_mps * led_s, self.east_mps * led_s, self.up_mps * led_s)
+            if moment.since_s < self.limit_s and message["vel"] != _UNKNOWN_U16 != message["cog"]:
+                course = math.radians(message["cog"] * 0.01)
+                north = message["vel"] * 0.01 * math.cos(course) + self.north_mps
+                east = message["vel"] * 0.01 * math.sin(course) + self.east_mps
+                message["vel"] = math.hypot(north, east) * 100.0
+                message["cog"] = round(math.degrees(math.atan2(east, north)) % 360.0 * 100.0) % 36000
+
+        return Edit({GPS}, change)
+
+
+class Slide(Fault):
+    """A 3D fix that is wrong by hundreds of metres and slides to the truth, while its accuracy admits it."""
+
+    fault: Literal["slide"] = "slide"
+    duration_s: Span = 60.0
+    height_m: Metres = 770.0
+    """at the start: a real receiver slid from 1149 to 376 m while it stood on the ground"""
+
+    def effect(self, dice: Dice) -> Effect:
+        def change(message: Editor, moment: Moment) -> None:
+            if message["fix_type"] < 3:
+                return
+            offset_m = self.height_m * (1.0 - moment.since_s / self.duration_s)
+            _move(message, 0.0, 0.0, offset_m)
+            for name, share in (("h_acc", 1.0), ("v_acc", 3.0)):
+                _add_known(message, name, share * abs(offset_m) * 1e3)
+
+        return Edit({GPS}, change)

@@ -1,0 +1,156 @@
+"""Faults of the way: packets lost, late, twice, or out of order. The frames themselves stay as they are.
+
+SIM_STATE has no time of its own but that of the frame before it, so the truth shares that frame's fate.
+"""
+
+from collections.abc import Iterable
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator
+
+from companion.mavlink.codec import mavlink
+from companion.samples import Packet
+from sim.faults.base import SIM_STATE, Dice, Effect, Fault, Held, Moment, Probability
+
+
+class LinkFault(Fault):
+    """The parameters of all faults of the way."""
+
+    message: str = ""
+    """the name of the only message that is touched, and of the truth that follows it; empty is every message"""
+
+    @field_validator("message")
+    @classmethod
+    def _is_known(cls, name: str) -> str:
+        if name and not isinstance(getattr(mavlink, f"MAVLINK_MSG_ID_{name}", None), int):
+            raise ValueError("is no message of the dialect")
+        return name
+
+    @property
+    def ids(self) -> frozenset[int] | None:
+        return frozenset({getattr(mavlink, f"MAVLINK_MSG_ID_{self.message}")}) if self.message else None
+
+
+class _Lottery(Effect):
+    """Some packets are hit. The truth is when the frame before it was."""
+
+    def __init__(self, fault: LinkFault, dice: Dice, probability: float) -> None:
+        self._only, self._dice, self._probability = fault.ids, dice, probability
+        self._hit = False
+
+    def hits(self, moment: Moment) -> bool:
+        if moment.message_id != SIM_STATE or (self._only is not None and SIM_STATE in self._only):
+            chosen = self._only is None or moment.message_id in self._only
+            self._hit = moment.active and chosen and self._dice.uniform(*moment.luck) < self._probability
+        return self._hit
+
+
+class Drop(LinkFault):
+    """Packets are lost."""
+
+    fault: Literal["drop"] = "drop"
+    probability: Probability = 1.0
+    """of each packet"""
+
+    def effect(self, dice: Dice) -> Effect:
+        return _Drop(self, dice, self.probability)
+
+
+class _Drop(_Lottery):
+    def feed(self, packet: Packet, moment: Moment) -> Iterable[Packet]:
+        return () if self.hits(moment) else (packet,)
+
+
+class Duplicate(LinkFault):
+    """Packets arrive twice."""
+
+    fault: Literal["duplicate"] = "duplicate"
+    probability: Probability = 0.1
+    """of each packet"""
+    after_s: Annotated[float, Field(ge=0.0, le=60.0)] = 0.0
+    """between the two"""
+
+    def effect(self, dice: Dice) -> Effect:
+        return _Duplicate(self, dice)
+
+
+class _Duplicate(_Lottery):
+    def __init__(self, fault: Duplicate, dice: Dice) -> None:
+        super().__init__(fault, dice, fault.probability)
+        self._after_us = round(fault.after_s * 1e6)
+        self._held = Held()
+
+    def feed(self, packet: Packet, moment: Moment) -> Iterable[Packet]:
+        if not self.hits(moment) or moment.message_id == SIM_STATE:
+            return (packet,)
+        if not self._after_us:
+            return (packet, packet)
+        self._held.add(packet.time_us + self._after_us, packet.data)
+        return (packet,)
+
+    def due(self, time_us: float) -> Iterable[Packet]:
+        return self._held.due(time_us)
+
+
+class Reorder(LinkFault):
+    """Packets are overtaken by those behind them."""
+
+    fault: Literal["reorder"] = "reorder"
+    probability: Probability = 0.1
+    """of each packet"""
+    hold_s: Annotated[float, Field(gt=0.0, le=60.0)] = 0.2
+    """how long one is held back"""
+
+    def effect(self, dice: Dice) -> Effect:
+        return _Reorder(self, dice)
+
+
+class _Reorder(_Lottery):
+    def __init__(self, fault: Reorder, dice: Dice) -> None:
+        super().__init__(fault, dice, fault.probability)
+        self._hold_us = round(fault.hold_s * 1e6)
+        self._held = Held()
+
+    def feed(self, packet: Packet, moment: Moment) -> Iterable[Packet]:
+        if not self.hits(moment):
+            return (packet,)
+        self._held.add(packet.time_us + self._hold_us, packet.data)
+        return ()
+
+    def due(self, time_us: float) -> Iterable[Packet]:
+        return self._held.due(time_us)
+
+
+class Delay(LinkFault):
+    """Packets come late, in order; the stamps inside stay."""
+
+    fault: Literal["delay"] = "delay"
+    delay_s: Annotated[float, Field(ge=0.0, le=600.0)] = 1.0
+    jitter_s: Annotated[float, Field(ge=0.0, le=600.0)] = 0.0
+    """up to this much more, evenly spread"""
+
+    def effect(self, dice: Dice) -> Effect:
+        return _Delay(self, dice)
+
+
+class _Delay(_Lottery):
+    def __init__(self, fault: Delay, dice: Dice) -> None:
+        super().__init__(fault, dice, 1.0)
+        self._fault = fault
+        self._held = Held()
+        self._last_us = 0
+
+    def feed(self, packet: Packet, moment: Moment) -> Iterable[Packet]:
+        if self.hits(moment):
+            extra_s = self._fault.jitter_s * self._dice.uniform(*moment.luck, 1) if self._fault.jitter_s else 0.0
+            due_us = packet.time_us + round((self._fault.delay_s + extra_s) * 1e6)
+        elif self._held and not self._only:  # the line is still busy with what it is late with
+            due_us = packet.time_us
+        else:
+            return (packet,)
+        self._last_us = max(self._last_us, due_us) if self._held else due_us
+        self._held.add(self._last_us, packet.data)
+        return ()
+
+    def due(self, time_us: float) -> Iterable[Packet]:
+        return self._held.due(time_us)

@@ -1,0 +1,259 @@
+"""Faults of a sensor's readings: frozen, spiking, stepping, drifting, noisy, in the wrong unit, behind a blocked port.
+
+They touch the vehicle's first sensor of a kind (SCALED_PRESSURE, GPS_RAW_INT, RAW_IMU, SCALED_IMU, HIGHRES_IMU): a
+second one stays well, and so does the autopilot's own estimate, which is made inside.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+
+from pydantic import Field
+
+from companion.mavlink.codec import mavlink
+from companion.samples import Packet
+from sim.aircraft import G0_MPS2
+from sim.faults.base import Dice, Edit, Effect, Fault, Moment, Probability
+from sim.faults.editing import Editor
+
+PRESSURE: int = mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE
+GPS: int = mavlink.MAVLINK_MSG_ID_GPS_RAW_INT
+RAW_IMU: int = mavlink.MAVLINK_MSG_ID_RAW_IMU
+SCALED_IMU: int = mavlink.MAVLINK_MSG_ID_SCALED_IMU
+HIGHRES_IMU: int = mavlink.MAVLINK_MSG_ID_HIGHRES_IMU
+
+_AXES = "xyz"
+_MG = 1e-3 * G0_MPS2
+
+
+class Quantity(NamedTuple):
+    """A physical quantity: its unit, and the fields that carry it with their size in that unit."""
+
+    unit: str
+    fields: Mapping[int, tuple[tuple[str, float], ...]]
+
+    def shift(self, message: Editor, by: float) -> None:
+        for name, size in self.fields[message.message_id]:
+            if _holds(message, name):
+                message[name] = message[name] + by / size
+
+    def scale(self, message: Editor, factor: float) -> None:
+        for name, _ in self.fields[message.message_id]:
+            if _holds(message, name):
+                message[name] = message[name] * factor
+
+
+def _inertial(kind: str, axis: str, milli: float) -> Quantity:
+    fields = dict.fromkeys((RAW_IMU, SCALED_IMU), ((f"{axis}{kind}", milli),))
+    return Quantity("m/s2" if kind == "acc" else "rad/s", {**fields, HIGHRES_IMU: ((f"{axis}{kind}", 1.0),)})
+
+
+QUANTITIES: Mapping[str, Quantity] = {
+    "pressure": Quantity("Pa", {PRESSURE: (("press_abs", 100.0),), HIGHRES_IMU: (("abs_pressure", 100.0),)}),
+    "die_temperature": Quantity("K", {PRESSURE: (("temperature", 0.01),), HIGHRES_IMU: (("temperature", 1.0),)}),
+    "gnss_height": Quantity("m", {GPS: (("alt", 1e-3), ("alt_ellipsoid", 1e-3))}),
+    "gnss_speed": Quantity("m/s", {GPS: (("vel", 1e-2),)}),
+    **{f"accel_{axis}": _inertial("acc", axis, _MG) for axis in _AXES},
+    **{f"gyro_{axis}": _inertial("gyro", axis, 1e-3) for axis in _AXES},
+}
+
+_INERTIAL = tuple(f"{axis}{kind}" for kind in ("acc", "gyro") for axis in _AXES)
+_FIX = ("fix_type", "lat", "lon", "alt", "eph", "epv", "vel", "cog", "satellites_visible", "alt_ellipsoid",
+        "h_acc", "v_acc", "vel_acc", "hdg_acc", "yaw")  # fmt: skip
+SENSORS: Mapping[str, Mapping[int, tuple[str, ...]]] = {
+    "barometer": {
+        PRESSURE: ("press_abs", "temperature"),
+        HIGHRES_IMU: ("abs_pressure", "pressure_alt", "temperature"),
+    },
+    "gnss": {GPS: _FIX},
+    "imu": dict.fromkeys((RAW_IMU, SCALED_IMU, HIGHRES_IMU), _INERTIAL),
+}
+"""All that one sensor says, without the time."""
+
+
+def _holds(message: Editor, name: str) -> bool:
+    """Whether a field holds a value: not a position without a fix, an extension that was not sent, a sentinel."""
+    if message.message_id == GPS:
+        return bool(message["fix_type"] >= 2 and (name == "alt" or message[name] not in (0, 65535)))
+    return True
+
+
+class ValueFault(Fault):
+    """The parameters of faults of one quantity."""
+
+    quantity: Literal[
+        "pressure", "die_temperature", "gnss_height", "gnss_speed", "accel_x", "accel_y", "accel_z", "gyro_x",
+        "gyro_y", "gyro_z",
+    ] = "pressure"  # fmt: skip
+    """in Pa, K, m, m/s, m/s2 or rad/s"""
+
+    @property
+    def target(self) -> Quantity:
+        return QUANTITIES[self.quantity]
+
+
+Size = Annotated[float, Field(ge=-1e6, le=1e6)]
+
+
+class Step(ValueFault):
+    """A quantity reads wrong by a constant."""
+
+    fault: Literal["step"] = "step"
+    size: Size
+    """in the quantity's unit"""
+
+    def effect(self, dice: Dice) -> Effect:
+        target = self.target
+        return Edit(target.fields, lambda message, _: target.shift(message, self.size))
+
+
+class Ramp(ValueFault):
+    """A quantity drifts away at a constant rate, and is back when the fault ends."""
+
+    fault: Literal["ramp"] = "ramp"
+    rate: Size
+    """in the quantity's unit a second"""
+
+    def effect(self, dice: Dice) -> Effect:
+        target = self.target
+        return Edit(target.fields, lambda message, moment: target.shift(message, self.rate * moment.since_s))
+
+
+class Spike(ValueFault):
+    """Single readings are wrong by a size, up or down."""
+
+    fault: Literal["spike"] = "spike"
+    size: Size
+    """in the quantity's unit"""
+    probability: Probability = 0.05
+    """of each reading"""
+
+    def effect(self, dice: Dice) -> Effect:
+        target = self.target
+
+        def change(message: Editor, moment: Moment) -> None:
+            draw = dice.uniform(moment.since_us, moment.message_id)
+            if draw < self.probability:
+                target.shift(message, self.size if draw < 0.5 * self.probability else -self.size)
+
+        return Edit(target.fields, change)
+
+
+class Noise(ValueFault):
+    """White noise is added to a quantity."""
+
+    fault: Literal["noise"] = "noise"
+    sd: Annotated[float, Field(gt=0.0, le=1e6)]
+    """in the quantity's unit"""
+
+    def effect(self, dice: Dice) -> Effect:
+        target = self.target
+        return Edit(
+            target.fields,
+            lambda message, moment: target.shift(message, self.sd * dice.normal(moment.since_us, moment.message_id)),
+        )
+
+
+class Freeze(Fault):
+    """A sensor repeats its last reading under new time stamps."""
+
+    fault: Literal["freeze"] = "freeze"
+    sensor: Literal["barometer", "gnss", "imu"] = "barometer"
+
+    def effect(self, dice: Dice) -> Effect:
+        return _Freeze(SENSORS[self.sensor])
+
+
+class _Freeze(Effect):
+    def __init__(self, fields: Mapping[int, tuple[str, ...]]) -> None:
+        self.ids = frozenset(fields)
+        self._fields = fields
+        self._last: dict[int, dict[str, Any]] = {}
+
+    def feed(self, packet: Packet, moment: Moment) -> Iterable[Packet]:
+        message = Editor(packet.data, moment.message_id)
+        names = self._fields[moment.message_id]
+        if not moment.active or moment.message_id not in self._last:
+            self._last[moment.message_id] = {name: message[name] for name in names}
+            return (packet,)
+        for name, value in self._last[moment.message_id].items():
+            message[name] = value
+        return (Packet(packet.time_us, message.close()),)
+
+
+SWAPS: Mapping[str, tuple[tuple[str, ...], float]] = {
+    "pascal": (("pressure",), 100.0),
+    "half_pressure": (("pressure",), 0.5),
+    "feet": (("gnss_height",), 1.0 / 0.3048),
+    "metres_for_millimetres": (("gnss_height",), 1e-3),
+    "degrees": (tuple(f"gyro_{axis}" for axis in _AXES), math.degrees(1.0)),
+    "mps2_for_g": (tuple(f"accel_{axis}" for axis in _AXES), G0_MPS2),
+}
+"""What the sender gets wrong: in which quantities, and by which factor."""
+
+
+class SwappedUnits(Fault):
+    """A quantity is sent in the wrong unit."""
+
+    fault: Literal["swapped_units"] = "swapped_units"
+    swap: Literal["pascal", "half_pressure", "feet", "metres_for_millimetres", "degrees", "mps2_for_g"] = "pascal"
+
+    def effect(self, dice: Dice) -> Effect:
+        names, factor = SWAPS[self.swap]
+        targets = [QUANTITIES[name] for name in names]
+
+        def change(message: Editor, _: Moment) -> None:
+            for target in targets:
+                target.scale(message, factor)
+
+        return Edit(targets[0].fields, change)
+
+
+class BlockedStaticPort(Fault):
+    """Ice or tape on the static port: the trapped pressure stays, or follows through a leak; the noise goes on."""
+
+    fault: Literal["blocked_static_port"] = "blocked_static_port"
+    leak_s: Annotated[float, Field(gt=0.0, le=1e5)] | None = None
+    """time constant of the leak; without it, the port is sealed"""
+
+    def effect(self, dice: Dice) -> Effect:
+        return _BlockedPort(self.leak_s)
+
+
+class _BlockedPort(Effect):
+    """The port's pressure is told from the sensor's noise by a critically damped filter without lag in a steady climb.
+
+    The pitot tube goes on: what is measured against the static port (press_diff) is wrong by the same amount.
+    """
+
+    ids = frozenset({PRESSURE, HIGHRES_IMU})
+    _FIELDS: ClassVar = {PRESSURE: ("press_abs", "press_diff"), HIGHRES_IMU: ("abs_pressure", "diff_pressure")}
+    _SMOOTHING_S = 1.0
+
+    def __init__(self, leak_s: float | None) -> None:
+        self._leak_s = leak_s
+        self._state: dict[int, tuple[int, float, float, float]] = {}
+        """by message: time of the last reading, pressure outside, its rate, pressure trapped inside (hPa)"""
+
+    def feed(self, packet: Packet, moment: Moment) -> Iterable[Packet]:
+        message = Editor(packet.data, moment.message_id)
+        absolute, differential = self._FIELDS[moment.message_id]
+        reading = message[absolute]
+        last_us, outside, rate, inside = self._state.get(moment.message_id, (moment.since_us, reading, 0.0, reading))
+        dt_s = (moment.since_us - last_us) * 1e-6
+        if dt_s > 0.0:
+            keep = math.exp(-dt_s / self._SMOOTHING_S)
+            outside += rate * dt_s
+            innovation = reading - outside
+            outside += (1.0 - keep**2) * innovation
+            rate += (1.0 - keep) ** 2 * innovation / dt_s
+        if not moment.active:
+            inside = outside
+        elif self._leak_s is not None and dt_s > 0.0:
+            inside += (1.0 - math.exp(-dt_s / self._leak_s)) * (outside - inside)
+        self._state[moment.message_id] = (moment.since_us, outside, rate, inside)
+        if not moment.active:
+            return (packet,)
+        message[absolute] = reading + inside - outside
+        message[differential] = message[differential] - (inside - outside)
+        return (Packet(packet.time_us, message.close()),)

@@ -176,8 +176,8 @@ class Pipeline:
 
     def _message(self, message: Message, message_id: int, arrival_us: int) -> list[bytes]:
         listener = self._listeners.get(message_id)
-        if listener is not None:
-            listener(message)
+        if listener is not None and getattr(message, "target_component", 0) in (0, self.identity.component_id):
+            listener(message)  # an answer to somebody else's request is not ours
         if message_id == HEARTBEAT:
             self.identity.note(message)
             self.health.heartbeat(self.now_us)
@@ -229,7 +229,8 @@ class Pipeline:
         if reading.kind is Kind.PRESSURE:
             if message_id == HIGHRES_IMU:
                 return self.now_us - self._scaled_pressure_us < PRESSURE_TIMEOUT_US
-            self._scaled_pressure_us = self.now_us
+            if reading.instance == 0:
+                self._scaled_pressure_us = self.now_us
         return False
 
     def _sample(self, kind: Kind, instance: int, row: Rows) -> list[bytes]:

@@ -289,8 +289,9 @@ class TestWhen:
         assert outcome.names().count("NAMED_VALUE_FLOAT") > 10
 
     def test_our_own_altitude_that_comes_back_silences_nobody(self) -> None:
-        echo = standing(30, 50, vehicle=Vehicle(1, 191), heartbeat=None, pressure=None, gps=None, imu=None,
-                        altitude=(5.0, lambda boot_s: mavlink.MAVLink_altitude_message(1, 0, 1, 2, 3, 4, 5)))  # fmt: skip
+        ours = (5.0, lambda boot_s: mavlink.MAVLink_altitude_message(1, 0, 1, 2, 3, 4, 5))
+        silent = dict.fromkeys(("heartbeat", "pressure", "gps", "imu"))
+        echo = standing(30, 50, vehicle=Vehicle(1, 191), altitude=ours, **silent)
         assert feed(merged(standing(30, 50), echo)).names().count("ALTITUDE") > 50
 
 

@@ -290,7 +290,7 @@ class TestWhen:
 
     def test_our_own_altitude_that_comes_back_silences_nobody(self) -> None:
         ours = (5.0, lambda boot_s: mavlink.MAVLink_altitude_message(1, 0, 1, 2, 3, 4, 5))
-        silent = dict.fromkeys(("heartbeat", "pressure", "gps", "imu"))
+        silent: Any = dict.fromkeys(("heartbeat", "pressure", "gps", "imu"))
         echo = standing(30, 50, vehicle=Vehicle(1, 191), altitude=ours, **silent)
         assert feed(merged(standing(30, 50), echo)).names().count("ALTITUDE") > 50
 

@@ -64,8 +64,8 @@ class VehicleClock:
     """The vehicle's boot clock as its stamps tell it.
 
     A discontinuity needs two witnesses: one stamp far from the clock is set aside; a second one that agrees with it
-    moves the clock. Backwards is a reboot, forwards a gap in what we heard. Only stamps that
-    count from boot are witnesses.
+    moves the clock. Backwards is a reboot, forwards a gap in what we heard. Only stamps that surely count from boot are
+    witnesses; the others may run ahead of them, but not away.
     """
 
     def __init__(self, settings: IntakeSettings) -> None:
@@ -75,6 +75,8 @@ class VehicleClock:
         self._gap_us = round(settings.gap_s * 1e6)
         self._witness_us: int | None = None
         self._wraps = 0
+        self._boot_us = -1
+        """the newest stamp that surely counts from boot"""
         self._unix_offset_us: int | None = None
         self._offsets: dict[int, int] = {}
         self._repeats: dict[int, tuple[int, int]] = {}
@@ -87,18 +89,17 @@ class VehicleClock:
             return self.tick(self._unwrapped(reading.stamp_us))
         if self.now_us < 0:
             return Clockwork.DOUBT, -1
-        time_us = self._mapped(reading.stamp_us, source)
-        self.now_us = max(self.now_us, time_us)
-        return Clockwork.TICK, time_us
+        return Clockwork.TICK, self._mapped(reading.stamp_us, source)
 
     def tick(self, time_us: int) -> tuple[Clockwork, int]:
         """Take a boot time as heard."""
         if self.now_us < 0:
-            self.now_us = time_us
+            self.now_us = self._boot_us = time_us
             return Clockwork.TICK, time_us
         if abs(time_us - self.now_us) <= self._reorder_us:
             self.now_us = max(self.now_us, time_us)
-            self._witness_us = None if time_us == self.now_us else self._witness_us
+            self._witness_us = None if time_us >= self._boot_us else self._witness_us
+            self._boot_us = max(self._boot_us, time_us)
             return Clockwork.TICK, time_us
         witness_us, self._witness_us = self._witness_us, time_us
         if witness_us is None or not -self._reorder_us <= time_us - witness_us <= self._gap_us:
@@ -106,9 +107,9 @@ class VehicleClock:
         self._witness_us = None
         went_back = time_us < self.now_us
         if not went_back:
-            self.now_us = time_us
+            self.now_us = self._boot_us = time_us
             return Clockwork.TICK, time_us
-        self.now_us = time_us = time_us - self._wraps * WRAP_MS * 1000
+        self.now_us = self._boot_us = time_us = time_us - self._wraps * WRAP_MS * 1000
         self.reboots += 1
         self._wraps = 0
         self._unix_offset_us = None
@@ -142,15 +143,20 @@ class VehicleClock:
         last = self._repeats.get(source)
         if last is not None and last[0] == stamp_us:
             return last[1]
-        offsets = (0, self._unix_offset_us, self._offsets.get(source))
-        for offset_us in offsets:
-            if offset_us is not None and abs(stamp_us - offset_us - self.now_us) <= self._reorder_us:
+        time_us = self.now_us
+        for offset_us in (0, self._unix_offset_us, self._offsets.get(source)):
+            if offset_us is not None and self._is_near(stamp_us - offset_us):
+                time_us = stamp_us - offset_us
                 break
         else:
-            offset_us = self._offsets[source] = stamp_us - self.now_us
-        time_us = stamp_us - offset_us
+            self._offsets[source] = stamp_us - self.now_us
+        self.now_us = max(self.now_us, time_us)
         self._repeats[source] = (stamp_us, time_us)
         return time_us
+
+    def _is_near(self, time_us: int) -> bool:
+        """Within reordering of the clock, and not so far ahead of the boot stamps that these would seem old."""
+        return time_us >= self.now_us - self._reorder_us and time_us <= self._boot_us + self._reorder_us // 2
 
 
 class Intake:

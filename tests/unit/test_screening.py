@@ -1,4 +1,4 @@
-"""Barometer against GNSS: at once when they never agreed, after ten seconds when they did, and who moved is to blame."""
+"""Barometer against GNSS: refused at once when they never agreed or one jumped, else after ten seconds."""
 
 import math
 from collections.abc import Callable
@@ -123,8 +123,14 @@ class TestDatum:
 
     @pytest.mark.parametrize(
         "fields",
-        [{"fix_type": 2}, {"sd_m": 25.0}, {"sd_m": math.nan, "hdop": 20.0}, {"sd_m": math.nan, "vdop": 99.99}, {"instance": 1}],
-    )  # fmt: skip
+        [
+            {"fix_type": 2},
+            {"sd_m": 25.0},
+            {"sd_m": math.nan, "hdop": 20.0},
+            {"sd_m": math.nan, "vdop": 99.99},
+            {"instance": 1},
+        ],
+    )
     def test_a_fix_that_proves_nothing_accuses_nobody(self, fields: dict[str, float]) -> None:
         assert Bench().run(30, half_pressure, at(90), **fields).marks == []
 

@@ -75,6 +75,17 @@ class Motion(NamedTuple):
     """inertial: it contains the Earth's rotation"""
 
 
+class Flow(NamedTuple):
+    """What disturbs a static port."""
+
+    dynamic_pressure_pa: float
+    sideslip_rad: float
+    height_m: float
+    """of the centre of gravity above the ground"""
+    load: float
+    """upwards, 1 at rest"""
+
+
 class Aircraft:
     """One aircraft on a runway with its engine running, stepped at `STEP_HZ`.
 
@@ -138,6 +149,7 @@ class Aircraft:
         self._attitude = tuple(reader(f"attitude/{n}-rad") for n in ("phi", "theta", "psi"))
         self._rates = tuple(reader(f"velocities/{axis}-rad_sec") for axis in "pqr")
         self._air = tuple(reader(f"atmosphere/{n}") for n in ("P-psf", "T-R"))
+        self._flow = tuple(reader(n) for n in ("aero/qbar-psf", "aero/beta-rad", "position/geod-alt-ft"))
         self._airspeed_kt = reader("velocities/vc-kts")
         self._weight_on_wheels = reader("gear/wow")
         self._stick = tuple(writer(f"fcs/{n}-cmd-norm") for n in ("elevator", "aileron", "rudder"))
@@ -229,6 +241,12 @@ class Aircraft:
     def air(self) -> tuple[float, float]:
         """Static pressure (Pa) and air temperature (K) at the aircraft."""
         return self._air[0]() * _PSF, self._air[1]() / _RANKINE_PER_K
+
+    def flow(self) -> Flow:
+        """How the air meets the aircraft."""
+        dynamic_psf, sideslip_rad, altitude_ft = self._flow
+        height_m = altitude_ft() * _FT - self._ground_m
+        return Flow(dynamic_psf() * _PSF, sideslip_rad(), height_m, self._load_factors[2]())
 
     def truth(self) -> Truth:
         """The present state, checked to be of this world."""

@@ -143,7 +143,7 @@ class Flight:
     def _start_sensors(self, seed: int) -> None:
         sensors = self.scenario.sensors
         self.barometer = Barometer(sensors.barometer, seed)
-        self.gnss = GnssReceiver(sensors.gnss, seed)
+        self.gnss = GnssReceiver(sensors.gnss, seed, self.scenario.runway.elevation_m)
         self.imu = Imu(sensors.imu, seed)
 
     # The loop
@@ -198,7 +198,8 @@ class Flight:
         if self.time_us % MOTION_US == 0:
             self._motion()
         if self.time_us % self.barometer.period_us == 0:
-            self.vehicle.on_pressure(self.barometer.measure(self.time_us, *self.aircraft.air()))
+            flow = self.aircraft.flow() if self.barometer.feels_flow else None
+            self.vehicle.on_pressure(self.barometer.measure(self.time_us, *self.aircraft.air(), flow))
         fix = self.gnss.deliver(self.time_us)
         if fix is not None:
             self.vehicle.on_fix(fix)

@@ -2,15 +2,17 @@
 
 Every sensor draws from a stream of its own, keyed by its name: adding a sensor, changing its seed or its parameters
 leaves the samples of all others untouched. Within a sensor every noise process has its own stream too.
+
+A sensor's parameters are its own defaults, changed by a ``preset`` (a line of its `PRESETS`), changed by the scenario.
 """
 
 import math
 import zlib
-from collections.abc import Iterator
-from typing import Annotated
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, field_validator, model_validator
 
 from companion.config import Settings
 
@@ -20,8 +22,26 @@ _BLOCK = 4096
 class SensorConfig(Settings):
     """What all sensors can be told."""
 
+    PRESETS: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    """name -> parameters of a real device"""
+
+    preset: str = ""
+    """a real device, whose parameters take the place of the defaults; those given beside it count all the same"""
     seed: Annotated[int, Field(ge=0)] | None = None
     """of this sensor alone; without it, the flight's"""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_preset(cls, values: Any) -> Any:
+        name = values.get("preset") if isinstance(values, dict) else None
+        return {**cls.PRESETS[name], **values} if isinstance(name, str) and name in cls.PRESETS else values
+
+    @field_validator("preset")
+    @classmethod
+    def _is_known(cls, name: str) -> str:
+        if name and name not in cls.PRESETS:
+            raise ValueError(f"is no preset; there are {', '.join(cls.PRESETS) or 'none'}")
+        return name
 
 
 def normals(seed: int, *names: str) -> Iterator[float]:

@@ -8,22 +8,58 @@ Defaults, and where they come from:
 - turn-on bias sd 50 Pa: MS5611, absolute accuracy +-150 Pa from 450 to 1100 hPa, read as three sigma;
 - lag 0.1 s: pneumatic lag of a short static line (0.05-0.2 s);
 - die 20 K above the air once warm, after minutes: measured boards run 10-30 K above (data/real: 26 to 38 C).
+
+The rest is off unless asked for:
+
+- thermal drift: data/real, +1.5 Pa/K (a board from 26 to 38 C fell 1.5 m) and -1.8 Pa/K (37.8 to 43.8 C rose 0.9 m), so
+  its sign is the specimen's; BMP388 and DPS310 data sheets 0.75 and 0.5 Pa/K;
+- static port error in parts of the dynamic pressure: 14 CFR 23.1325(e) allows 30 ft at 100 kt, which is 0.068;
+- suction of a sideslip, in parts of the dynamic pressure times sin^2: a flush port on one side of a cylinder feels
+  1 - 4 sin^2 at its flank (potential flow), two joined ports on both sides about a tenth of that;
+- ground effect: near the ground the wing's lift raises the pressure under it, in parts of the dynamic pressure, dying
+  out over half a span;
+- acceleration: the membrane's own weight. No data sheet of the presets tells it: turn the board over and halve the
+  change.
 """
 
 import math
-from collections.abc import Iterator
-from typing import Annotated, Literal, NamedTuple
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
+from sim.aircraft import Flow
 from sim.sensors import GaussMarkov, SensorConfig, normals
 
 NonNegative = Annotated[float, Field(ge=0.0, le=10_000.0)]
 Positive = Annotated[float, Field(gt=0.0, le=1e6)]
+Coefficient = Annotated[float, Field(ge=-2.0, le=2.0)]
+
+REFERENCE_K = 298.15
+"""die temperature of the manufacturer's calibration: no thermal error there"""
+
+PRESETS: Mapping[str, Mapping[str, Any]] = {
+    # TE MS5611-01BA03 data sheet: 2.7 Pa RMS at OSR 1024 (ArduPilot's), output in 1 Pa; error band +-150 Pa at 25 C and
+    # +-250 Pa over temperature: 100 Pa more over 60 K, as three sigma .6; real boards (above) have 1.5-1.8 Pa/K.
+    "MS5611": {"white_sd_pa": 2.7, "bias_sd_pa": 50.0, "quantum_pa": 1.0, "thermal_sd_pa_per_k": 1.6},
+    # Bosch BST-BMP388-DS001: 0.9 Pa RMS at oversampling 8 and filter 3 (table 8), that filter's delay of 3 samples at
+    # 50 Hz in the lag, +-50 Pa absolute (typical), +-0.75 Pa/K, 0.016 Pa resolution. The wander is assumed.
+    "BMP388": {
+        "white_sd_pa": 0.9, "bias_sd_pa": 50.0, "quantum_pa": 0.016, "thermal_sd_pa_per_k": 0.75, "lag_s": 0.16,
+        "wander_sd_pa": 2.0,
+    },
+    # Infineon DPS310 data sheet: 0.5 Pa (0.005 hPa) precision, +-1 hPa absolute, 0.5 Pa/K, 0.06 Pa resolution.
+    # The wander is assumed.
+    "DPS310": {
+        "white_sd_pa": 0.5, "bias_sd_pa": 50.0, "quantum_pa": 0.06, "thermal_sd_pa_per_k": 0.5, "wander_sd_pa": 2.0,
+    },
+}  # fmt: skip
 
 
 class BarometerConfig(SensorConfig):
     """Noise parameters of the barometer."""
+
+    PRESETS: ClassVar = PRESETS
 
     rate_hz: Literal[1, 2, 4, 5, 10, 20, 25, 50] = 20
     """ArduPilot's drivers run at 10-20 Hz and repeat the value in between"""
@@ -35,6 +71,22 @@ class BarometerConfig(SensorConfig):
     lag_s: Annotated[float, Field(ge=0.0, le=10.0)] = 0.1
     warming_k: Annotated[float, Field(ge=-50.0, le=60.0)] = 20.0
     warming_time_s: Positive = 120.0
+    thermal_pa_per_k: Annotated[float, Field(ge=-100.0, le=100.0)] = 0.0
+    """error for each kelvin of the die above 25 C"""
+    thermal_sd_pa_per_k: NonNegative = 0.0
+    """from specimen to specimen"""
+    quantum_pa: NonNegative = 0.0
+    """readings are whole multiples of it"""
+    static_port: Coefficient = 0.0
+    """error in parts of the dynamic pressure; positive reads low in flight"""
+    sideslip: Coefficient = 0.0
+    """suction in parts of the dynamic pressure times the squared sine of the sideslip"""
+    ground_effect: Coefficient = 0.0
+    """pressure rise at the ground in parts of the dynamic pressure"""
+    ground_effect_height_m: Positive = 5.0
+    """over which it falls to 1/e"""
+    acceleration_pa_per_g: Annotated[float, Field(ge=-1000.0, le=1000.0)] = 0.0
+    """error for each g above the one at rest"""
 
 
 class Pressure(NamedTuple):
@@ -58,15 +110,37 @@ class Barometer:
             config.wander_sd_pa, config.wander_time_s, dt_s, normals(seed, "barometer", "wander")
         )
         self.bias_pa = config.bias_pa + config.bias_sd_pa * next(normals(seed, "barometer", "bias"))
+        self.thermal_pa_per_k = config.thermal_pa_per_k
+        if config.thermal_sd_pa_per_k:
+            self.thermal_pa_per_k += config.thermal_sd_pa_per_k * next(normals(seed, "barometer", "thermal"))
         self._follow = 1.0 - math.exp(-dt_s / config.lag_s) if config.lag_s else 1.0
         self._port_pa: float | None = None
+        self.feels_flow = any((config.static_port, config.sideslip, config.ground_effect, config.acceleration_pa_per_g))
+        """whether `measure` wants to know the flow"""
 
-    def measure(self, time_us: int, pressure_pa: float, temperature_k: float) -> Pressure:
+    def measure(self, time_us: int, pressure_pa: float, temperature_k: float, flow: Flow | None = None) -> Pressure:
         """The reading of the true static pressure and air temperature. Call it every `period_us`."""
         config = self.config
+        error_pa = 0.0
+        if flow is not None:
+            pressure_pa += self.port_error_pa(flow)
+            error_pa = config.acceleration_pa_per_g * (flow.load - 1.0)
         if self._port_pa is None:
             self._port_pa = pressure_pa
         self._port_pa += self._follow * (pressure_pa - self._port_pa)
-        error_pa = self.bias_pa + self._wander.step() + config.white_sd_pa * next(self._white)
+        error_pa += self.bias_pa + self._wander.step() + config.white_sd_pa * next(self._white)
         warm = 1.0 - math.exp(-time_us * 1e-6 / config.warming_time_s)
-        return Pressure(time_us, self._port_pa + error_pa, temperature_k + config.warming_k * warm)
+        die_k = temperature_k + config.warming_k * warm
+        if self.thermal_pa_per_k:
+            error_pa += self.thermal_pa_per_k * (die_k - REFERENCE_K)
+        reading_pa = self._port_pa + error_pa
+        if config.quantum_pa:
+            reading_pa = round(reading_pa / config.quantum_pa) * config.quantum_pa
+        return Pressure(time_us, reading_pa, die_k)
+
+    def port_error_pa(self, flow: Flow) -> float:
+        """What the flow adds to the static pressure at the port."""
+        config = self.config
+        ground = config.ground_effect * math.exp(-max(0.0, flow.height_m) / config.ground_effect_height_m)
+        slip = config.sideslip * math.sin(flow.sideslip_rad) ** 2
+        return flow.dynamic_pressure_pa * (ground - config.static_port - slip)

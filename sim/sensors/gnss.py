@@ -4,17 +4,23 @@ Defaults, and where they come from:
 
 - height error 3 m white and 3 m Gauss-Markov over 300 s, 5 Hz, 0.11 s late: those of the recorded flights
   data/flights/jsbsim_*, so that results compare. The real receivers of data/real have less white noise (0.03-0.2 m over
-  1 s) and more wander (7-59 m in 2-10 minutes): a scenario that wants those sets them;
+  1 s) and more wander (7-59 m in 2-10 minutes): the presets have that;
 - horizontal error half of it: u-blox M8 data sheet (UBX-15031086), 2.5 m CEP, and vertical errors are about twice that;
 - velocity 0.1 m/s: M8 data sheet, 0.05 m/s at 50 %, doubled for manoeuvres;
 - latency: ArduPilot measured 0.05-0.25 s; its time stamp is the time of parsing, not of measurement.
 
-The accuracies it reports are honest: the standard deviations of its own errors.
+The accuracies it reports are honest (the standard deviations of its own errors) unless told otherwise: the receivers of
+data/real that wander by 7-59 m report 0.9-1.8.
+
+Multipath near the ground is one more slow error, of height alone, that the receiver knows nothing of: reflections come
+from below, and fade as the antenna climbs away from them. Its size, height and time are assumed: metres, a building,
+half a minute.
 """
 
 import math
 from collections import deque
-from typing import Annotated, Literal, NamedTuple
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
@@ -25,9 +31,35 @@ Metres = Annotated[float, Field(ge=0.0, le=1000.0)]
 
 _EARTH_M_PER_DEG = 111_319.49  # of latitude; enough for an error of metres
 
+PRESETS: Mapping[str, Mapping[str, Any]] = {
+    # UBX-15031086: 2.5 m CEP is 2.12 m an axis, height twice that; 0.05 m/s at 50 % is 0.042 m/s an axis; 26 s from
+    # cold. White part of data/real.
+    "u-blox M8": {
+        "height_white_sd_m": 0.15, "height_wander_sd_m": 4.2, "horizontal_white_sd_m": 0.1,
+        "horizontal_wander_sd_m": 2.1, "velocity_sd_mps": 0.05, "first_fix_s": 26.0, "latency_s": 0.15,
+        "latency_jitter_s": 0.02,
+    },
+    # UBX-17051259: RTK 0.01 m + 1 ppm CEP (0.0085 m an axis) and as much in height (median; 0.015 m), 24 s from cold.
+    # That the errors live for a minute is assumed.
+    "F9P RTK": {
+        "height_white_sd_m": 0.005, "height_wander_sd_m": 0.015, "horizontal_white_sd_m": 0.004,
+        "horizontal_wander_sd_m": 0.0085, "wander_time_s": 60.0, "velocity_sd_mps": 0.05, "first_fix_s": 24.0,
+        "latency_s": 0.15, "latency_jitter_s": 0.03, "hdop": 0.6, "vdop": 1.0, "satellites": 24, "fix": 6,
+    },
+    # data/real: 7-59 m of wander in 2-10 minutes, 0.03-0.2 m over 1 s, reported accuracy about 1 m all the time.
+    "cheap": {
+        "height_white_sd_m": 0.2, "height_wander_sd_m": 12.0, "wander_time_s": 200.0, "horizontal_white_sd_m": 0.1,
+        "horizontal_wander_sd_m": 5.0, "velocity_sd_mps": 0.2, "first_fix_s": 45.0, "latency_s": 0.25,
+        "latency_jitter_s": 0.05, "accuracy": "stuck", "stuck_accuracy_m": 1.2, "satellites": 9, "hdop": 1.1,
+        "vdop": 1.6, "multipath_sd_m": 6.0,
+    },
+}  # fmt: skip
+
 
 class GnssConfig(SensorConfig):
     """Noise parameters of the receiver."""
+
+    PRESETS: ClassVar = PRESETS
 
     rate_hz: Literal[1, 2, 5, 10, 25] = 5
     height_white_sd_m: Metres = 3.0
@@ -37,14 +69,28 @@ class GnssConfig(SensorConfig):
     wander_time_s: Annotated[float, Field(gt=0.0, le=1e5)] = 300.0
     velocity_sd_mps: Annotated[float, Field(ge=0.0, le=100.0)] = 0.1
     latency_s: Annotated[float, Field(ge=0.0, le=5.0)] = 0.11
+    latency_jitter_s: Annotated[float, Field(ge=0.0, le=5.0)] = 0.0
+    """more than that it comes late by the size of a normal number with this standard deviation"""
     stamp: Literal["arrival", "measurement"] = "arrival"
     """what GPS_RAW_INT.time_usec says: when the autopilot parsed the fix (as ArduPilot), or when it was true"""
     first_fix_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 8.0
+    fix: Literal[3, 4, 5, 6] = 3
+    """MAVLink's type of its fix: 3D, DGPS, RTK float, RTK fixed"""
     undulation_m: Annotated[float, Field(ge=-110.0, le=90.0)] = 47.6
     """geoid above ellipsoid; EGM96 at 47 N 8 E"""
     hdop: Annotated[float, Field(gt=0.0, le=50.0)] = 0.8
     vdop: Annotated[float, Field(gt=0.0, le=50.0)] = 1.3
     satellites: Annotated[int, Field(ge=4, le=60)] = 14
+    accuracy: Literal["honest", "optimistic", "stuck"] = "honest"
+    """what h_acc and v_acc are: its errors' standard deviations, a part of them, or always the same"""
+    optimism: Annotated[float, Field(gt=0.0, le=1.0)] = 0.3
+    """the part that an optimistic receiver admits"""
+    stuck_accuracy_m: Metres = 1.0
+    multipath_sd_m: Metres = 0.0
+    """of the height on the ground"""
+    multipath_height_m: Annotated[float, Field(gt=0.0, le=1000.0)] = 30.0
+    """over which it falls to 1/e"""
+    multipath_time_s: Annotated[float, Field(gt=0.0, le=1e4)] = 30.0
 
 
 class Fix(NamedTuple):
@@ -68,14 +114,18 @@ class Fix(NamedTuple):
 
 
 class GnssReceiver:
-    """`measure` at ``config.rate_hz``; `deliver` returns the fix whose latency has passed."""
+    """`measure` at ``config.rate_hz``; `deliver` returns the fix whose latency has passed.
 
-    def __init__(self, config: GnssConfig, seed: int) -> None:
+    `ground_m` is the height of the ground that reflects.
+    """
+
+    def __init__(self, config: GnssConfig, seed: int, ground_m: float = 0.0) -> None:
         seed = seed if config.seed is None else config.seed
         self.config = config
         self.period_us = 1_000_000 // config.rate_hz
         self._latency_us = round(config.latency_s * 1e6)
         self._first_fix_us = round(config.first_fix_s * 1e6)
+        self._ground_m = ground_m
         dt_s = 1.0 / config.rate_hz
 
         def wander(axis: str, sd_m: float) -> GaussMarkov:
@@ -88,10 +138,21 @@ class GnssReceiver:
         self._white_east = normals(seed, "gnss", "east", "white")
         self._white_up = normals(seed, "gnss", "up", "white")
         self._velocity = normals(seed, "gnss", "velocity")
+        self._jitter = normals(seed, "gnss", "jitter")
+        self._multipath = GaussMarkov(
+            config.multipath_sd_m, config.multipath_time_s, dt_s, normals(seed, "gnss", "multipath")
+        )
         # One figure for a horizontal error, as receivers give it: the root of both axes' variances.
         self.horizontal_sd_m = math.hypot(config.horizontal_white_sd_m, config.horizontal_wander_sd_m) * math.sqrt(2.0)
         self.vertical_sd_m = math.hypot(config.height_white_sd_m, config.height_wander_sd_m)
-        self._underway: deque[Fix] = deque()
+        if config.accuracy == "optimistic":
+            self.horizontal_sd_m *= config.optimism
+            self.vertical_sd_m *= config.optimism
+        elif config.accuracy == "stuck":
+            self.horizontal_sd_m = self.vertical_sd_m = config.stuck_accuracy_m
+        self._underway: deque[tuple[int, Fix]] = deque()
+        """by time of arrival"""
+        self._last_arrival_us = 0
 
     def measure(self, truth: Truth) -> None:
         """Take a fix of the truth; it arrives later. The error processes run before the first fix too."""
@@ -99,35 +160,46 @@ class GnssReceiver:
         north_m = self._wander_north.step() + config.horizontal_white_sd_m * next(self._white_north)
         east_m = self._wander_east.step() + config.horizontal_white_sd_m * next(self._white_east)
         up_m = self._wander_up.step() + config.height_white_sd_m * next(self._white_up)
+        if config.multipath_sd_m:
+            height_m = max(0.0, truth.altitude_amsl_m - self._ground_m)
+            up_m += self._multipath.step() * math.exp(-height_m / config.multipath_height_m)
         north_mps = truth.north_mps + config.velocity_sd_mps * next(self._velocity)
         east_mps = truth.east_mps + config.velocity_sd_mps * next(self._velocity)
-        arrival_us = truth.time_us + self._latency_us
+        arrival_us = self._arrival_us(truth.time_us)
         stamp_us = arrival_us if config.stamp == "arrival" else truth.time_us
         altitude_m = truth.altitude_amsl_m + up_m
         per_degree_m = _EARTH_M_PER_DEG * math.cos(math.radians(truth.latitude_deg))
-        self._underway.append(
-            Fix(
-                truth.time_us,
-                stamp_us,
-                3 if truth.time_us >= self._first_fix_us else 1,
-                truth.latitude_deg + north_m / _EARTH_M_PER_DEG,
-                truth.longitude_deg + east_m / per_degree_m,
-                altitude_m,
-                altitude_m + config.undulation_m,
-                north_mps,
-                east_mps,
-                self.horizontal_sd_m,
-                self.vertical_sd_m,
-                config.velocity_sd_mps,
-                config.satellites,
-                round(config.hdop * 100.0),
-                round(config.vdop * 100.0),
-            )
+        fix = Fix(
+            truth.time_us,
+            stamp_us,
+            config.fix if truth.time_us >= self._first_fix_us else 1,
+            truth.latitude_deg + north_m / _EARTH_M_PER_DEG,
+            truth.longitude_deg + east_m / per_degree_m,
+            altitude_m,
+            altitude_m + config.undulation_m,
+            north_mps,
+            east_mps,
+            self.horizontal_sd_m,
+            self.vertical_sd_m,
+            config.velocity_sd_mps,
+            config.satellites,
+            round(config.hdop * 100.0),
+            round(config.vdop * 100.0),
         )
+        self._underway.append((arrival_us, fix))
+
+    def _arrival_us(self, measured_us: int) -> int:
+        """Later ones do not overtake: they come out of one serial line."""
+        arrival_us = measured_us + self._latency_us
+        if self.config.latency_jitter_s:
+            arrival_us += round(abs(self.config.latency_jitter_s * next(self._jitter)) * 1e6)
+            arrival_us = max(arrival_us, self._last_arrival_us + 1)
+            self._last_arrival_us = arrival_us
+        return arrival_us
 
     def deliver(self, time_us: int) -> Fix | None:
         """The newest fix that has arrived by now and was not delivered before."""
         fix = None
-        while self._underway and self._underway[0].measured_us + self._latency_us <= time_us:
-            fix = self._underway.popleft()
+        while self._underway and self._underway[0][0] <= time_us:
+            _, fix = self._underway.popleft()
         return fix

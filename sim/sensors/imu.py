@@ -1,27 +1,60 @@
 """A strapdown IMU at the centre of gravity, forward-right-down.
 
-Each sample is the mean over its interval, as an anti-aliased and decimated IMU gives it, with a turn-on bias, a bias
-that walks, white noise, and (in RAW_IMU) the quantisation of ArduPilot's milli-g and milliradians.
+Each sample is the mean over its interval, as an anti-aliased and decimated IMU gives it, seen through scale factors and
+misalignments, with a turn-on bias, a bias that walks and one that follows the die's temperature, white noise, the
+vibration of the engine, an end of its range, and (in RAW_IMU) the quantisation of ArduPilot's milli-g and milliradians.
 
 Defaults are those of the recorded flights data/flights/jsbsim_* (README): 0.02 m/s2/sqrt(Hz), bias 0.1 m/s2 drifting,
 gyro bias 0.01 rad/s. They are what an airframe with a running engine adds to a consumer IMU: the ICM-20602 data sheet
 alone has 100 ug/sqrt(Hz) = 0.001 m/s2/sqrt(Hz), 0.004 deg/s/sqrt(Hz) = 7e-5 rad/s/sqrt(Hz), zero offsets of 25 mg and
-1 deg/s.
+1 deg/s. Ranges are ArduPilot's settings of that chip, 16 g and 2000 deg/s.
+
+Vibration is a line at the engine's frequency. The mean over an interval takes most of it away, as a low-pass does, and
+what remains appears at the alias; without that mean (``averaged: false``, a sensor sampled at the output rate) all of
+it does. A flat four at 2400 rpm fires at 80 Hz; ArduPilot's advice is to stay below 30 m/s2.
 """
 
 import math
-from typing import Annotated, Literal, NamedTuple
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
-from sim.aircraft import Motion, Vector
-from sim.sensors import SensorConfig, normals
+from sim.aircraft import G0_MPS2, Motion, Vector
+from sim.sensors import GaussMarkov, SensorConfig, normals
 
 Small = Annotated[float, Field(ge=0.0, le=10.0)]
+Range = Annotated[float, Field(gt=0.0, le=1e4)]
+
+_DEG = math.radians(1.0)
+_MG = 1e-3 * G0_MPS2
+
+PRESETS: Mapping[str, Mapping[str, Any]] = {
+    # InvenSense DS-000176, typical or a third of the largest: noise 100 ug and 0.004 deg/s per root Hz; zero offsets
+    # 25 mg and 1 deg/s; 0.5 mg/K and 0.01 deg/s/K; scale 1 %, cross axes 1 %. The walks are not in it: assumed, what
+    # Allan plots of such chips show (bias instability near 0.05 mg and 5 deg/h).
+    "ICM-20602": {
+        "accel_noise_mps2_rthz": 0.1 * _MG, "accel_bias_sd_mps2": 8.3 * _MG, "accel_walk_mps2_rts": 5e-5,
+        "gyro_noise_radps_rthz": 0.004 * _DEG, "gyro_bias_sd_radps": 0.33 * _DEG, "gyro_walk_radps_rts": 2e-6,
+        "accel_thermal_sd_mps2_per_k": 0.17 * _MG, "gyro_thermal_sd_radps_per_k": 0.0033 * _DEG,
+        "scale_sd": 0.0033, "misalignment_sd_rad": 0.0033, "warming_k": 20.0,
+    },
+    # Analog Devices ADIS16495-1: 0.09 deg/sqrt(h), 0.8 deg/h and 3.2 ug in run, axes within 0.05 deg, +-8 g, 125 deg/s;
+    # 0.008 m/s/sqrt(h). A walk K gives the Allan minimum 0.664 B with noise N at K = 0.866 (0.664 B)^2 / N. What is
+    # left of the biases after it was calibrated on the ground is assumed: 0.1 mg, 5 deg/h.
+    "tactical": {
+        "accel_noise_mps2_rthz": 0.008 / 60.0, "accel_bias_sd_mps2": 0.1 * _MG, "accel_walk_mps2_rts": 2.8e-6,
+        "gyro_noise_radps_rthz": 0.09 / 60.0 * _DEG, "gyro_bias_sd_radps": 5.0 / 3600.0 * _DEG,
+        "gyro_walk_radps_rts": 2.2e-7, "scale_sd": 5e-4, "misalignment_sd_rad": 0.05 * _DEG,
+        "accel_range_mps2": 8.0 * G0_MPS2, "gyro_range_radps": 125.0 * _DEG,
+    },
+}  # fmt: skip
 
 
 class ImuConfig(SensorConfig):
     """Noise parameters of the IMU."""
+
+    PRESETS: ClassVar = PRESETS
 
     rate_hz: Literal[1, 2, 5, 10, 25, 50] = 50
     accel_noise_mps2_rthz: Small = 0.02
@@ -31,8 +64,27 @@ class ImuConfig(SensorConfig):
     gyro_noise_radps_rthz: Small = 5e-4
     gyro_bias_sd_radps: Small = 0.01
     gyro_walk_radps_rts: Small = 1e-5
+    accel_thermal_sd_mps2_per_k: Small = 0.0
+    """bias for each kelvin that the die is below its final temperature"""
+    gyro_thermal_sd_radps_per_k: Small = 0.0
+    scale_sd: Annotated[float, Field(ge=0.0, le=0.2)] = 0.0
+    """of each axis, accelerometers and gyros alike, in parts of one"""
+    misalignment_sd_rad: Annotated[float, Field(ge=0.0, le=0.2)] = 0.0
+    """of each axis towards each other"""
+    accel_range_mps2: Range = 16.0 * G0_MPS2
+    gyro_range_radps: Range = 2000.0 * _DEG
+    vibration_mps2: Annotated[float, Field(ge=0.0, le=500.0)] = 0.0
+    """peak, on each axis"""
+    vibration_hz: Annotated[float, Field(gt=0.0, le=2000.0)] = 80.0
+    vibration_spread_hz: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
+    """standard deviation of that frequency, which wanders over two seconds"""
+    averaged: bool = True
+    """whether a sample is the mean of the vibration over its interval"""
     temperature_k: Annotated[float, Field(ge=200.0, le=400.0)] = 313.15
     """of the die, held by its heater"""
+    warming_k: Annotated[float, Field(ge=0.0, le=80.0)] = 0.0
+    """by which the die is colder at boot"""
+    warming_time_s: Annotated[float, Field(gt=0.0, le=1e5)] = 120.0
 
 
 class ImuSample(NamedTuple):
@@ -45,26 +97,82 @@ class ImuSample(NamedTuple):
 
 
 class _Triad:
-    """Three equal sensors at right angles: bias, walk, noise."""
+    """Three like sensors at nearly right angles: scale, misalignment, bias, walk, thermal bias, noise, range."""
 
-    def __init__(self, seed: int, name: str, *, noise: float, bias_sd: float, walk: float, dt_s: float) -> None:
+    def __init__(
+        self, seed: int, name: str, *, noise: float, bias_sd: float, walk: float, thermal_sd: float, limit: float,
+        config: ImuConfig,
+    ) -> None:  # fmt: skip
+        dt_s = 1.0 / config.rate_hz
         turn_on = normals(seed, "imu", name, "bias")
         self.bias = [bias_sd * next(turn_on) for _ in range(3)]
+        heat = normals(seed, "imu", name, "thermal")
+        self.thermal = [thermal_sd * next(heat) for _ in range(3)] if thermal_sd else None
         self._walk = walk * math.sqrt(dt_s)
         self._noise = noise / math.sqrt(dt_s)
         self._steps = normals(seed, "imu", name, "walk")
         self._white = normals(seed, "imu", name, "white")
+        self._limit = limit
+        self.mounting = _mounting(seed, name, config)
 
-    def measure(self, true: Vector) -> Vector:
+    def measure(self, true: Vector, cold_k: float) -> Vector:
         bias, walk, noise, steps, white = self.bias, self._walk, self._noise, self._steps, self._white
+        x, y, z = true
+        if self.mounting is not None:
+            x, y, z = (row[0] * x + row[1] * y + row[2] * z for row in self.mounting)
+        if self.thermal is not None:
+            x, y, z = (value - cold_k * heat for value, heat in zip((x, y, z), self.thermal, strict=True))
         bias[0] += walk * next(steps)
         bias[1] += walk * next(steps)
         bias[2] += walk * next(steps)
-        return (
-            true[0] + bias[0] + noise * next(white),
-            true[1] + bias[1] + noise * next(white),
-            true[2] + bias[2] + noise * next(white),
-        )
+        x += bias[0] + noise * next(white)
+        y += bias[1] + noise * next(white)
+        z += bias[2] + noise * next(white)
+        limit = self._limit
+        if -limit <= x <= limit and -limit <= y <= limit and -limit <= z <= limit:
+            return x, y, z
+        return max(-limit, min(x, limit)), max(-limit, min(y, limit)), max(-limit, min(z, limit))
+
+
+def _mounting(seed: int, name: str, config: ImuConfig) -> list[Vector] | None:
+    """What multiplies the true vector; None for a perfect one."""
+    if not config.scale_sd and not config.misalignment_sd_rad:
+        return None
+    draw = normals(seed, "imu", name, "mounting")
+    rows = []
+    for axis in range(3):
+        row = [(config.scale_sd if axis == other else config.misalignment_sd_rad) * next(draw) for other in range(3)]
+        row[axis] += 1.0
+        rows.append((row[0], row[1], row[2]))
+    return rows
+
+
+class _Vibration:
+    """A line at a wandering frequency, on three axes a third of a turn apart."""
+
+    def __init__(self, seed: int, config: ImuConfig) -> None:
+        self._dt_s = 1.0 / config.rate_hz
+        self._size = config.vibration_mps2
+        self._hz = config.vibration_hz
+        self._averaged = config.averaged
+        self._phase = math.tau * next(normals(seed, "imu", "vibration", "phase"))
+        noise = normals(seed, "imu", "vibration", "frequency")
+        self._wander = GaussMarkov(config.vibration_spread_hz, 2.0, self._dt_s, noise)
+
+    def step(self) -> Vector:
+        """What an interval has of it."""
+        before = self._phase
+        turned = math.tau * (self._hz + self._wander.step()) * self._dt_s
+        self._phase = after = math.remainder(before + turned, math.tau)
+        if self._averaged:
+            scale = self._size / turned if turned else 0.0
+            x, y, z = (scale * (math.cos(before + third) - math.cos(before + turned + third)) for third in _THIRDS)
+        else:
+            x, y, z = (self._size * math.sin(after + third) for third in _THIRDS)
+        return x, y, z
+
+
+_THIRDS = (0.0, math.tau / 3.0, 2.0 * math.tau / 3.0)
 
 
 class Imu:
@@ -74,15 +182,15 @@ class Imu:
         seed = seed if config.seed is None else config.seed
         self.config = config
         self.period_us = 1_000_000 // config.rate_hz
-        dt_s = 1.0 / config.rate_hz
-        self._die_cdegc = round((config.temperature_k - 273.15) * 100.0)
         self._accelerometers = _Triad(
             seed,
             "accel",
             noise=config.accel_noise_mps2_rthz,
             bias_sd=config.accel_bias_sd_mps2,
             walk=config.accel_walk_mps2_rts,
-            dt_s=dt_s,
+            thermal_sd=config.accel_thermal_sd_mps2_per_k,
+            limit=config.accel_range_mps2,
+            config=config,
         )
         self._gyros = _Triad(
             seed,
@@ -90,14 +198,23 @@ class Imu:
             noise=config.gyro_noise_radps_rthz,
             bias_sd=config.gyro_bias_sd_radps,
             walk=config.gyro_walk_radps_rts,
-            dt_s=dt_s,
+            thermal_sd=config.gyro_thermal_sd_radps_per_k,
+            limit=config.gyro_range_radps,
+            config=config,
         )
+        self._vibration = _Vibration(seed, config) if config.vibration_mps2 else None
 
     def measure(self, time_us: int, motion: Motion) -> ImuSample:
         """The reading of the mean motion since the last call. Call it every `period_us`."""
+        config = self.config
+        cold_k = config.warming_k * math.exp(-time_us * 1e-6 / config.warming_time_s) if config.warming_k else 0.0
+        force = motion.specific_force_b_mps2
+        if self._vibration is not None:
+            shake = self._vibration.step()
+            force = (force[0] + shake[0], force[1] + shake[1], force[2] + shake[2])
         return ImuSample(
             time_us,
-            self._accelerometers.measure(motion.specific_force_b_mps2),
-            self._gyros.measure(motion.angular_rate_b_radps),
-            self._die_cdegc,
+            self._accelerometers.measure(force, cold_k),
+            self._gyros.measure(motion.angular_rate_b_radps, cold_k),
+            round((config.temperature_k - cold_k - 273.15) * 100.0),
         )

@@ -68,6 +68,15 @@ class Suspicion(IntEnum):
     """barometer and GNSS contradict each other by more than any weather can, and this is the one that moved"""
 
 
+class Fault(IntEnum):
+    """Which sensor is wrong, in an estimator that can tell (field ``faulty``)."""
+
+    NONE = 0
+    BAROMETER = 1
+    GNSS = 2
+    IMU = 3
+
+
 def _dtype(*fields: tuple[Any, ...]) -> np.dtype[Any]:
     head = [("time_us", "i8"), ("arrival_us", "i8"), ("instance", "i8")]
     return np.dtype(head + list(fields), align=True)
@@ -134,6 +143,16 @@ ESTIMATE = np.dtype(
         ("climb_sd_mps", "f8"),
         ("baro_offset_m", "f8"),  # altitude_amsl - geometric pressure altitude: what the weather does
         ("innovation_m", "f8"),  # of the last GNSS height
+        ("height_above_takeoff_m", "f8"),
+        ("baro_rate_mps", "f8"),  # drift of the barometer's error at constant height
+        ("baro_scale", "f8"),  # change of the barometer's error with height
+        ("gnss_offset_m", "f8"),  # slow error of the GNSS height
+        ("qnh_pa", "f8"),  # altimeter setting with which an altimeter here indicates altitude_amsl
+        ("qnh_sd_pa", "f8"),
+        ("protection_level_m", "f8"),  # exceeded only at the configured integrity risk
+        ("drift_probabilities", "f8", (3,)),  # of calm, fair, stormy weather
+        ("faulty", "i8"),  # a `Fault`
+        ("faulty_since_us", "i8"),
     ],
     align=True,
 )

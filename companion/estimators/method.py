@@ -65,6 +65,17 @@ def forget(estimate: Rows) -> None:
     estimate[0].climb_sd_mps = math.nan
     estimate[0].baro_offset_m = math.nan
     estimate[0].innovation_m = math.nan
+    estimate[0].height_above_takeoff_m = math.nan
+    estimate[0].baro_rate_mps = math.nan
+    estimate[0].baro_scale = math.nan
+    estimate[0].gnss_offset_m = math.nan
+    estimate[0].qnh_pa = math.nan
+    estimate[0].qnh_sd_pa = math.nan
+    estimate[0].protection_level_m = math.nan
+    for i in range(estimate[0].drift_probabilities.size):
+        estimate[0].drift_probabilities[i] = math.nan
+    estimate[0].faulty = 0
+    estimate[0].faulty_since_us = 0
 
 
 @step

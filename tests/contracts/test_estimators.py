@@ -17,6 +17,7 @@ from tests.flights import Array, Flight, Plan, flight
 
 SENSORS = (Kind.IMU, Kind.PRESSURE, Kind.GNSS, Kind.ATTITUDE)
 SETTLE_S = 60.0
+FED_S = 100
 FAULT_S = (100.0, 130.0)
 SECOND_US = 1_000_000
 
@@ -38,8 +39,11 @@ class Run(NamedTuple):
     def arrivals_s(self) -> Array:
         """When each row arrived, in seconds since the start."""
         tables = self.log.tables
-        arrivals_us = np.array([tables[1 + kind][row]["arrival_us"] for kind, row in tables.order.tolist()], np.float64)
-        return (arrivals_us - arrivals_us[0]) * 1e-6
+        arrivals_us = np.zeros(len(self.log))
+        for kind in Kind:
+            chosen = tables.order["kind"] == kind
+            arrivals_us[chosen] = tables[1 + kind]["arrival_us"][tables.order["row"][chosen]]
+        return np.asarray((arrivals_us - arrivals_us[0]) * 1e-6, np.float64)
 
     def altitude_m(self, times_s: Array) -> Array:
         """The estimate as it stood at instants of arrival."""
@@ -74,13 +78,21 @@ def row_at(log: SampleLog, index: int) -> tuple[Kind, Rows]:
     return Kind(kind), log.tables[1 + kind][row : row + 1]
 
 
-def fed(method: Method, made: Flight, until_s: float) -> Filter:
-    """A filter that has seen the flight until then."""
-    log, result = made.log(), Filter(method)
+@cache
+def _checkpoint(name: str) -> bytes:
+    log, result = healthy().log(), Filter(ESTIMATORS[name])
     for index in range(len(log)):
         kind, row = row_at(log, index)
-        if made.elapsed_s(row["time_us"][0]) < until_s:
-            result.step(kind, row)
+        if row["time_us"][0] >= healthy().start_us + FED_S * SECOND_US:
+            break
+        result.step(kind, row)
+    return result.checkpoint()
+
+
+def fed(method: Method) -> Filter:
+    """A filter that has seen the first `FED_S` of the healthy flight."""
+    result = Filter(method)
+    result.restore(_checkpoint(method.name))
     return result
 
 
@@ -288,9 +300,9 @@ def _good(kind: Kind, time_us: int) -> Rows:
 def test_absurd_input_leaves_the_state_alone(method: Method, kind: Kind) -> None:
     if kind not in method.uses:
         pytest.skip("not used")
-    result = fed(method, healthy(), 100.0)
+    result = fed(method)
     before, estimate, counted = content(result.state), result.estimate.tobytes(), total(result)
-    for number, (label, row) in enumerate(absurd(kind, healthy().start_us + 100 * SECOND_US), 1):
+    for number, (label, row) in enumerate(absurd(kind, healthy().start_us + FED_S * SECOND_US), 1):
         assert result.step(kind, row) is not Verdict.USED, label
         assert content(result.state) == before, label
         assert result.estimate.tobytes() == estimate, label
@@ -301,7 +313,7 @@ def test_absurd_input_leaves_the_state_alone(method: Method, kind: Kind) -> None
 def test_not_newer_than_the_last_of_its_kind_is_stale(method: Method, kind: Kind) -> None:
     if kind not in method.uses:
         pytest.skip("not used")
-    result = fed(method, healthy(), 100.0)
+    result = fed(method)
     last_us = int(result.state["last_us"][0, kind, 0])
     before = content(result.state)
     for late_us in (0, 1, 20_000, 900_000, 10 * SECOND_US):
@@ -324,18 +336,18 @@ def test_older_than_the_delay_horizon_is_stale(method: Method, kind: Kind) -> No
 
 
 def test_a_kind_that_it_does_not_use_is_ignored(method: Method) -> None:
-    result = fed(method, flight(Plan(duration_s=10)), 10.0)
+    result = fed(method)
     before = result.state.tobytes()
     for kind in Kind:
         if kind not in method.uses:
-            row = sample(kind, healthy().start_us + 11 * SECOND_US)
+            row = sample(kind, healthy().start_us + FED_S * SECOND_US)
             assert result.step(kind, row) is Verdict.IGNORED
     assert result.state.tobytes() == before
 
 
 def test_a_reboot_starts_anew(method: Method) -> None:
     """Nothing is known after it, and what follows is as of a new filter, counters aside."""
-    result = fed(method, healthy(), 100.0)
+    result = fed(method)
     counted = total(result)
     reboot = sample(Kind.STATUS, 3 * SECOND_US, armed=-1, landed=-1, reboot=1)
     assert result.step(Kind.STATUS, reboot) is Verdict.USED

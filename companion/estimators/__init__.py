@@ -3,9 +3,18 @@
 Adding one is a module with a `Method` at its end, and a line here.
 """
 
-from companion.estimators import adaptive_fusion
+from companion.estimators import (
+    adaptive_fusion,
+    air_data_gnss,
+)
 from companion.estimators.method import Filter, Method, run_log
 
-ESTIMATORS: dict[str, Method] = {method.name: method for method in (adaptive_fusion.METHOD,)}
+ESTIMATORS: dict[str, Method] = {
+    method.name: method
+    for method in (
+        adaptive_fusion.METHOD,
+        air_data_gnss.METHOD,
+    )
+}
 
 __all__ = ["ESTIMATORS", "Filter", "Method", "run_log"]

@@ -21,7 +21,7 @@ Modules
 ==================  ===================================================================================
 ``aircraft``        JSBSim: the only file with its property names and US units
 ``autopilot``       take-off, climb on airspeed, altitude hold, descent on vertical speed; gains per aircraft
-``weather``         ramps of sea-level pressure and temperature, wind, turbulence
+``weather``         pressure, temperature and wind over place and time; layers of air; METARs
 ``sensors``         barometer, GNSS receiver, IMU: one random stream each
 ``estimate``        the vehicle's own position estimate (GLOBAL_POSITION_INT), barometric as EKF3's
 ``telemetry``       messages out of the vehicle's state

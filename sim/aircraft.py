@@ -19,6 +19,8 @@ _FT = 0.3048
 _PSF = 0.45359237 * G0_MPS2 / _FT**2
 _KT = 1852.0 / 3600.0
 _RANKINE_PER_K = 1.8
+_SLUGS_PER_FT3 = 0.45359237 * G0_MPS2 / _FT / _FT**3
+"""kg/m3 in one"""
 
 Vector = tuple[float, float, float]
 _NOTHING = (0.0,) * 6
@@ -106,6 +108,7 @@ class Aircraft:
         if model not in MODELS:
             raise SimulationError(f"no aircraft '{model}': there are {', '.join(sorted(MODELS))}")
         self._ground_m = field_elevation_m
+        self._column: Callable[[float], tuple[float, float, float]] | None = None
         self._rest_height_m = MODELS[model].rest_height_m
         self._time_us = 0
         self._step_us = 1_000_000 // STEP_HZ
@@ -148,6 +151,7 @@ class Aircraft:
         self._velocity = tuple(reader(f"velocities/v-{n}-fps") for n in ("north", "east", "down"))
         self._attitude = tuple(reader(f"attitude/{n}-rad") for n in ("phi", "theta", "psi"))
         self._rates = tuple(reader(f"velocities/{axis}-rad_sec") for axis in "pqr")
+        self._column_height = reader("position/h-sl-ft")  # what JSBSim's own air goes by: 3 cm from geodetic at 5 km
         self._air = tuple(reader(f"atmosphere/{n}") for n in ("P-psf", "T-R"))
         self._flow = tuple(reader(n) for n in ("aero/qbar-psf", "aero/beta-rad", "position/geod-alt-ft"))
         self._airspeed_kt = reader("velocities/vc-kts")
@@ -183,6 +187,31 @@ class Aircraft:
         self._set_air[0](sea_level_pressure_pa / _PSF)
         self._set_air[1](temperature_offset_k * _RANKINE_PER_K)
 
+    def set_column(self, column: Callable[[float], tuple[float, float, float]]) -> None:
+        """A column of one's own in place of JSBSim's, from now on: altitude AMSL (m) -> Pa, K, kg/m3.
+
+        JSBSim cannot be given its own column back.
+        """
+        if self._column is None:
+            for name in ("pressure", "temperature", "density"):
+                self._fdm[f"atmosphere/override/{name}"] = 0.0
+            manager = self._fdm.get_property_manager()
+            self._override = tuple(
+                manager.get_node(f"atmosphere/override/{name}").set_double_value
+                for name in ("pressure", "temperature", "density")
+            )
+        self._column = column
+        self._write_column()
+
+    def _write_column(self) -> None:
+        """What it is where the aircraft is now; needed before every step."""
+        if self._column is None:
+            return
+        pressure_pa, temperature_k, density_kgpm3 = self._column(self._column_height() * _FT)
+        self._override[0](pressure_pa / _PSF)
+        self._override[1](temperature_k * _RANKINE_PER_K)
+        self._override[2](density_kgpm3 / _SLUGS_PER_FT3)
+
     def set_wind(self, north_mps: float, east_mps: float, down_mps: float = 0.0) -> None:
         """The velocity of the air, that is towards where the wind blows."""
         for name, value in (("north", north_mps), ("east", east_mps), ("down", down_mps)):
@@ -210,7 +239,10 @@ class Aircraft:
         sum_nx, sum_ny, sum_nz, sum_p, sum_q, sum_r = self._sums
         nx, ny, nz = self._load_factors
         p, q, r = self._inertial_rates
+        layered = self._column is not None
         for _ in range(steps):
+            if layered:
+                self._write_column()
             run()
             sum_nx += nx()
             sum_ny += ny()
@@ -238,8 +270,20 @@ class Aircraft:
     def time_us(self) -> int:
         return self._time_us
 
+    @property
+    def ground_m(self) -> float:
+        """Height of the field above mean sea level."""
+        return self._ground_m
+
+    def position(self) -> tuple[float, float, float]:
+        """Latitude, longitude (degrees) and altitude above mean sea level (m)."""
+        latitude_deg, longitude_deg, altitude_ft = self._position
+        return latitude_deg(), longitude_deg(), altitude_ft() * _FT
+
     def air(self) -> tuple[float, float]:
         """Static pressure (Pa) and air temperature (K) at the aircraft."""
+        if self._column is not None:  # JSBSim's are those of the place before its last step
+            return self._column(self._column_height() * _FT)[:2]
         return self._air[0]() * _PSF, self._air[1]() / _RANKINE_PER_K
 
     def flow(self) -> Flow:
@@ -254,6 +298,7 @@ class Aircraft:
         north, east, down = self._velocity
         roll, pitch, yaw = self._attitude
         p, q, r = self._rates
+        pressure_pa, temperature_k = self.air()
         truth = Truth(
             self._time_us,
             lat(),
@@ -268,8 +313,8 @@ class Aircraft:
             p(),
             q(),
             r(),
-            self._air[0]() * _PSF,
-            self._air[1]() / _RANKINE_PER_K,
+            pressure_pa,
+            temperature_k,
             self._airspeed_kt() * _KT,
             self._weight_on_wheels() > 0.5,
         )

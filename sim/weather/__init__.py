@@ -1,0 +1,199 @@
+"""The weather over a flight: what the air is at each place and time. JSBSim turns it into air around the aircraft.
+
+The sea-level pressure and the temperature deviation go into JSBSim's atmosphere, which integrates the column above
+hydrostatically: at a given geometric altitude both move the static pressure, and so a barometer. With a temperature
+profile or humidity the column is integrated here (``column``) and takes the place of JSBSim's for the whole flight.
+
+``fields`` has what depends on the place; ``metar`` makes a day of its reports.
+"""
+
+import bisect
+import itertools
+import math
+from collections.abc import Sequence
+from typing import Annotated, NamedTuple
+
+from pydantic import Field, model_validator
+
+from companion.config import Settings
+from sim.aircraft import Aircraft
+from sim.weather.column import Column
+from sim.weather.fields import Change, Diurnal, Front, Gradient, Gust, MountainWave, Place, Time, Wind
+from sim.weather.metar import Metar
+
+STANDARD_HPA = 1013.25
+_EARTH_M_PER_DEG = 111_319.49
+_NO_CORIOLIS_DEG = 10.0
+
+
+class PressurePoint(Settings):
+    """Sea-level pressure at a time since boot; linear in between, constant before the first and after the last."""
+
+    time_s: Time
+    sea_level_hpa: Annotated[float, Field(ge=850.0, le=1100.0)]
+
+
+class TemperaturePoint(Settings):
+    """Deviation of the whole column from the standard atmosphere's temperature at a time since boot."""
+
+    time_s: Time
+    offset_k: Annotated[float, Field(ge=-60.0, le=45.0)]
+
+
+class ProfilePoint(Settings):
+    """Deviation from the standard atmosphere's temperature at an altitude; linear in between, constant outside."""
+
+    altitude_amsl_m: Annotated[float, Field(ge=-500.0, le=20_000.0)]
+    offset_k: Annotated[float, Field(ge=-60.0, le=45.0)]
+
+
+class Turbulence(Settings):
+    """Dryden turbulence of MIL-F-8785C, as JSBSim has it.
+
+    Below 600 m above *sea level* (JSBSim does not ask for the ground) its strength follows the wind at 6 m (20 ft),
+    with a vertical standard deviation of a tenth of it; above it follows the severity.
+    """
+
+    severity: Annotated[int, Field(ge=0, le=7)] = 0
+    """0 none, 3 light, 4 moderate, 6 severe"""
+    wind_at_6m_mps: Annotated[float, Field(ge=0.0, le=40.0)] = 0.0
+
+
+class WeatherConfig(Settings):
+    """The weather of a scenario. Empty ramps are the standard day."""
+
+    pressure: tuple[PressurePoint, ...] = ()
+    temperature: tuple[TemperaturePoint, ...] = ()
+    profile: tuple[ProfilePoint, ...] = ()
+    """temperature over height: another lapse rate, an inversion"""
+    relative_humidity: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
+    wind: Wind = Wind()
+    turbulence: Turbulence = Turbulence()
+    front: Front | None = None
+    gradient: Gradient | None = None
+    diurnal: Diurnal | None = None
+    mountain_wave: MountainWave | None = None
+    gusts: tuple[Gust, ...] = ()
+    metar: Metar | None = None
+    """in place of pressure, temperature and wind"""
+
+    @model_validator(mode="after")
+    def _in_order(self) -> "WeatherConfig":
+        for name, places in (
+            ("pressure ramp", [point.time_s for point in self.pressure]),
+            ("temperature ramp", [point.time_s for point in self.temperature]),
+            ("temperature profile", [point.altitude_amsl_m for point in self.profile]),
+        ):
+            if any(after <= before for before, after in itertools.pairwise(places)):
+                what = "altitudes" if "profile" in name else "times"
+                raise ValueError(f"the {what} of the {name} must increase")
+        if self.metar is not None and (self.pressure or self.temperature or self.wind != Wind()):
+            raise ValueError("metar takes the place of pressure, temperature and wind: give one or the other")
+        return self
+
+    @property
+    def fields(self) -> list[Front | Gradient | Diurnal | MountainWave | Gust]:
+        """Those that depend on place and time."""
+        single = (self.front, self.gradient, self.diurnal, self.mountain_wave)
+        return [field for field in (*single, *self.gusts) if field is not None]
+
+
+class Ramp:
+    """A piecewise-linear function of time, constant outside its points."""
+
+    def __init__(self, points: Sequence[tuple[float, float]], default: float) -> None:
+        self._times = [time for time, _ in points] or [0.0]
+        self._values = [value for _, value in points] or [default]
+
+    def __call__(self, time_s: float) -> float:
+        after = bisect.bisect_right(self._times, time_s)
+        if after == 0:
+            return self._values[0]
+        if after == len(self._times):
+            return self._values[-1]
+        start, end = self._times[after - 1], self._times[after]
+        share = (time_s - start) / (end - start)
+        return self._values[after - 1] + share * (self._values[after] - self._values[after - 1])
+
+
+class Now(NamedTuple):
+    """The true weather at the aircraft."""
+
+    sea_level_pa: float
+    """of the column it is in, without what a wave adds"""
+    offset_k: float
+    north_mps: float
+    east_mps: float
+    down_mps: float
+
+
+class Weather:
+    """Applies a `WeatherConfig` to an aircraft; `update` as often as the ramps are to be smooth."""
+
+    def __init__(self, config: WeatherConfig, aircraft: Aircraft) -> None:
+        self._aircraft = aircraft
+        self._fields = config.fields
+        north_mps, east_mps = config.wind.vector_mps
+        pressure = [(p.time_s, p.sea_level_hpa) for p in config.pressure]
+        offset = [(p.time_s, p.offset_k) for p in config.temperature]
+        north: list[tuple[float, float]] = []
+        east: list[tuple[float, float]] = []
+        latitude_deg, longitude_deg, _ = aircraft.position()
+        self._origin_deg = (latitude_deg, longitude_deg)
+        if config.metar is not None:
+            pressure, offset, north, east = config.metar.ramps(aircraft.ground_m)
+        self._pressure_hpa, self._offset_k = Ramp(pressure, STANDARD_HPA), Ramp(offset, 0.0)
+        self._wind_mps = Ramp(north, north_mps), Ramp(east, east_mps)
+        self._column: Column | None = None
+        if config.profile or config.relative_humidity:
+            points = [(point.altitude_amsl_m, point.offset_k) for point in config.profile]
+            self._column = Column(points, config.relative_humidity)
+        self._applied_air: tuple[float, float] | None = None
+        self._applied_wind: tuple[float, float, float] | None = None
+        aircraft.set_turbulence(config.turbulence.severity, config.turbulence.wind_at_6m_mps)
+        self.update(0.0)
+
+    def at(self, time_s: float) -> tuple[float, float]:
+        """Sea-level pressure (Pa) and temperature deviation (K) of the ramps, without what depends on the place."""
+        return self._pressure_hpa(time_s) * 100.0, self._offset_k(time_s)
+
+    def update(self, time_s: float) -> None:
+        """Make it the weather of this time, at the aircraft's place."""
+        sea_level_pa, offset_k = self.at(time_s)
+        north, east, down = self._wind_mps[0](time_s), self._wind_mps[1](time_s), 0.0
+        ratio = 1.0
+        if self._fields:
+            place = self._place(time_s, (north, east))
+            changes = [field.at(place) for field in self._fields]
+            total = Change(*map(math.fsum, zip(*changes, strict=True)))
+            sea_level_pa += total.sea_level_pa
+            offset_k += total.offset_k
+            north, east, down = north + total.north_mps, east + total.east_mps, total.down_mps
+            ratio += total.local_pa / self._aircraft.air()[0]
+        self.now = Now(sea_level_pa, offset_k, north, east, down)
+        self._apply(sea_level_pa * ratio, offset_k, (north, east, down))
+
+    def _apply(self, sea_level_pa: float, offset_k: float, wind_mps: tuple[float, float, float]) -> None:
+        if wind_mps != self._applied_wind:
+            self._aircraft.set_wind(*wind_mps)
+            self._applied_wind = wind_mps
+        if (sea_level_pa, offset_k) == self._applied_air:
+            return
+        if self._column is not None:
+            if self._applied_air is None or offset_k != self._applied_air[1]:
+                self._column.solve(offset_k)
+            column = self._column
+            self._aircraft.set_column(lambda altitude_m: column.at(altitude_m, sea_level_pa))
+        else:
+            self._aircraft.set_air(sea_level_pa, offset_k)
+        self._applied_air = (sea_level_pa, offset_k)
+
+    def _place(self, time_s: float, wind_mps: tuple[float, float]) -> Place:
+        latitude_deg, longitude_deg, altitude_m = self._aircraft.position()
+        north_m = (latitude_deg - self._origin_deg[0]) * _EARTH_M_PER_DEG
+        east_deg = math.remainder(longitude_deg - self._origin_deg[1], 360.0)
+        east_m = east_deg * _EARTH_M_PER_DEG * math.cos(math.radians(latitude_deg))
+        # There is no balance of wind and pressure at the equator.
+        latitude_deg = math.copysign(max(abs(latitude_deg), _NO_CORIOLIS_DEG), latitude_deg)
+        height_m = altitude_m - self._aircraft.ground_m
+        return Place(time_s, north_m, east_m, altitude_m, height_m, latitude_deg, wind_mps)

@@ -1,0 +1,116 @@
+"""A column of air in hydrostatic balance, for what JSBSim's own cannot hold: layers, inversions, humidity.
+
+The temperature is the standard atmosphere's plus an offset plus a profile, linear between nodes; the pressure follows
+from d(ln p) = -g0 dH / (R Tv), integrated in closed form from node to node, with H the geopotential height and Tv the
+virtual temperature of moist air. Without profile and humidity it is JSBSim's column (a test holds 0.01 Pa up to 12 km).
+
+Nothing here comes from the companion: the simulator must not share the estimator's model of the air.
+"""
+
+import bisect
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+G0_MPS2 = 9.80665
+GAS_CONSTANT = 8314.32 / 28.9645
+"""J/kg/K, from JSBSim's gas constant and molar mass: a tenth of a pascal less at 5 km than with 287.05287"""
+_EARTH_RADIUS_M = 6_356_766.0
+_SEA_LEVEL_K = 288.15
+_LAPSE_K_PER_M = 0.0065
+_TROPOPAUSE_M = 11_000.0
+_STRATOSPHERE_M = 20_000.0
+_BOTTOM_M, _STEP_M = -500.0, 100.0
+_FLAT_K = 1e-6
+
+Array = NDArray[np.float64]
+
+
+class Air(NamedTuple):
+    """The air at one height."""
+
+    pressure_pa: float
+    temperature_k: float
+    density_kgpm3: float
+
+
+def geopotential_m(altitude_m: float) -> float:
+    """Of a geometric altitude."""
+    return _EARTH_RADIUS_M * altitude_m / (_EARTH_RADIUS_M + altitude_m)
+
+
+def saturation_pa(temperature_k: Array) -> Array:
+    """Vapour pressure over water [Alduchov and Eskridge 1996, eq. 21]."""
+    celsius = temperature_k - 273.15
+    found: Array = 610.94 * np.exp(17.625 * celsius / (np.maximum(celsius, -100.0) + 243.04))
+    return found
+
+
+class Column:
+    """`solve` for an offset of the whole column, then ask for the air `at` a height.
+
+    Parameters
+    ----------
+    profile
+        (altitude, temperature offset), rising: linear in between, constant outside.
+    relative_humidity
+        Of the troposphere, 0 to 1; above it the air is dry.
+    """
+
+    def __init__(self, profile: Sequence[tuple[float, float]] = (), relative_humidity: float = 0.0) -> None:
+        self._humidity = relative_humidity
+        kinks = [geopotential_m(altitude) for altitude, _ in profile]
+        nodes = np.union1d(np.arange(_BOTTOM_M, _STRATOSPHERE_M + 1.0, _STEP_M), kinks)
+        self._standard_k: Array = _SEA_LEVEL_K - _LAPSE_K_PER_M * np.minimum(nodes, _TROPOPAUSE_M)
+        self._profile_k: Array = (
+            np.interp(nodes, kinks, [offset for _, offset in profile]) if profile else np.zeros(nodes.size)
+        )
+        self._nodes: list[float] = nodes.tolist()
+        self._steps: Array = np.diff(nodes)
+        self._sea_level = self._nodes.index(0.0)
+        self._moist: Array = np.where(nodes < _TROPOPAUSE_M, relative_humidity, 0.0)
+        self.solve(0.0)
+
+    def solve(self, offset_k: float) -> None:
+        """Integrate the column anew, `offset_k` warmer throughout."""
+        temperature: Array = self._standard_k + self._profile_k + offset_k
+        virtual, log_ratio = temperature, self._integrate(temperature)
+        if self._humidity:
+            vapour = self._moist * saturation_pa(temperature)
+            for _ in range(2):  # the pressure that dilutes the vapour is known to 1 % at first, then to 1e-4
+                virtual = temperature / (1.0 - 0.378 * vapour / (101_325.0 * np.exp(log_ratio)))
+                log_ratio = self._integrate(virtual)
+        self._temperature: list[float] = temperature.tolist()
+        self._virtual: list[float] = virtual.tolist()
+        self._log_ratio: list[float] = log_ratio.tolist()
+
+    def _integrate(self, virtual_k: Array) -> Array:
+        """ln(p / p at sea level) at the nodes."""
+        below, above = virtual_k[:-1], virtual_k[1:]
+        change = above - below
+        flat = np.abs(change) < _FLAT_K
+        mean = np.where(flat, 0.5 * (below + above), change / np.log(np.where(flat, math.e, above / below)))
+        sums: Array = np.concatenate([[0.0], np.cumsum(-G0_MPS2 / GAS_CONSTANT * self._steps / mean)])
+        sums -= sums[self._sea_level]
+        return sums
+
+    def at(self, altitude_m: float, sea_level_pa: float) -> Air:
+        """The air at a geometric altitude above mean sea level."""
+        height = _EARTH_RADIUS_M * altitude_m / (_EARTH_RADIUS_M + altitude_m)
+        nodes = self._nodes
+        cell = min(max(bisect.bisect_right(nodes, height) - 1, 0), len(nodes) - 2)
+        above_m, step_m = height - nodes[cell], nodes[cell + 1] - nodes[cell]
+        low, high = self._virtual[cell], self._virtual[cell + 1]
+        slope = (high - low) / step_m
+        virtual = low + slope * above_m
+        if -_FLAT_K < high - low < _FLAT_K:
+            log_ratio = -G0_MPS2 * above_m / (GAS_CONSTANT * low)
+        else:
+            log_ratio = -G0_MPS2 / (GAS_CONSTANT * slope) * math.log(virtual / low)
+        pressure = sea_level_pa * math.exp(self._log_ratio[cell] + log_ratio)
+        share = above_m / step_m
+        temperature = (1.0 - share) * self._temperature[cell] + share * self._temperature[cell + 1]
+        return Air(pressure, temperature, pressure / (GAS_CONSTANT * virtual))

@@ -1,0 +1,207 @@
+"""Weather that is not the same everywhere or all the time: fronts, gradients, the day's course, gusts, mountain waves.
+
+Each is a section of a scenario and says what it changes `at` a place and time; the changes add up.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Literal, NamedTuple
+
+from pydantic import Field
+
+from companion.config import Settings
+
+EARTH_RATE_RADPS = 7.292115e-5
+_DENSITY_KGPM3 = 1.225
+"""of the low level air in the balance of wind and pressure"""
+_FRICTION_HEIGHT_M, _FRICTION_KEEPS, _FRICTION_TURN_RAD = 600.0, 0.6, math.radians(25.0)
+"""the friction layer: at the ground the wind has six tenths of its strength and blows 25 degrees towards the low"""
+_STABILITY_HZ = 0.012
+"""Brunt and Vaisala's frequency (rad/s) of a standard troposphere"""
+
+Time = Annotated[float, Field(ge=0.0, le=1e6)]
+Speed = Annotated[float, Field(ge=0.0, le=80.0)]
+Direction = Annotated[float, Field(ge=0.0, lt=360.0)]
+Distance = Annotated[float, Field(ge=-2e6, le=2e6)]
+
+
+class Place(NamedTuple):
+    """Where and when the weather is asked for."""
+
+    time_s: float
+    north_m: float
+    east_m: float
+    """from the runway"""
+    altitude_m: float
+    height_m: float
+    """above the runway"""
+    latitude_deg: float
+    wind_mps: tuple[float, float]
+    """the steady wind, north and east"""
+
+    def towards(self, direction_deg: float) -> float:
+        """How far it is from the runway in a direction."""
+        angle = math.radians(direction_deg)
+        return self.north_m * math.cos(angle) + self.east_m * math.sin(angle)
+
+
+class Change(NamedTuple):
+    """What a piece of weather adds."""
+
+    sea_level_pa: float = 0.0
+    offset_k: float = 0.0
+    north_mps: float = 0.0
+    east_mps: float = 0.0
+    down_mps: float = 0.0
+    local_pa: float = 0.0
+    """to the static pressure just there, not to the column"""
+
+
+class Wind(Settings):
+    """A steady wind, and the direction it comes from."""
+
+    speed_mps: Annotated[float, Field(ge=0.0, le=60.0)] = 0.0
+    from_deg: Direction = 0.0
+
+    @property
+    def vector_mps(self) -> tuple[float, float]:
+        """Towards north and east."""
+        direction = math.radians(self.from_deg)
+        return -self.speed_mps * math.cos(direction), -self.speed_mps * math.sin(direction)
+
+
+class Front(Settings):
+    """A line that comes over the land: a trough with it, other air and another wind behind it.
+
+    Over time with a ``speed_mps``; along the track without, when the aircraft flies through one that stands.
+    """
+
+    kind: Literal["cold", "warm"] = "cold"
+    from_deg: Direction = 270.0
+    """where it comes from, or lies"""
+    distance_m: Distance = 30_000.0
+    """from the runway, at boot"""
+    speed_mps: Speed = 12.0
+    width_m: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
+    trough_hpa: Annotated[float, Field(ge=0.0, le=30.0)] | None = None
+    """how much lower the pressure is along the line"""
+    pressure_step_hpa: Annotated[float, Field(ge=-30.0, le=30.0)] | None = None
+    """from before to behind it"""
+    temperature_step_k: Annotated[float, Field(ge=-25.0, le=25.0)] | None = None
+    wind_behind: Wind | None = None
+    """without it, the wind stays"""
+
+    def value(self, name: str) -> float:
+        """A parameter of this front, or what is usual for its kind."""
+        own: float | None = getattr(self, name)
+        return FRONTS[self.kind][name] if own is None else own
+
+    def at(self, place: Place) -> Change:
+        width = self.value("width_m")
+        behind = (self.speed_mps * place.time_s - self.distance_m + place.towards(self.from_deg)) / width
+        behind = max(-40.0, min(40.0, behind))
+        share = 0.5 * (1.0 + math.tanh(behind))
+        pressure_hpa = share * self.value("pressure_step_hpa") - self.value("trough_hpa") / math.cosh(behind)
+        north = east = 0.0
+        if self.wind_behind is not None:
+            after = self.wind_behind.vector_mps
+            north, east = share * (after[0] - place.wind_mps[0]), share * (after[1] - place.wind_mps[1])
+        return Change(pressure_hpa * 100.0, share * self.value("temperature_step_k"), north, east)
+
+
+FRONTS: Mapping[str, Mapping[str, float]] = {
+    # A sharp cold front: minutes wide, the pressure jumps behind it. A warm front is broad, and the pressure stays low.
+    "cold": {"width_m": 8_000.0, "trough_hpa": 2.0, "pressure_step_hpa": 3.0, "temperature_step_k": -8.0},
+    "warm": {"width_m": 40_000.0, "trough_hpa": 1.0, "pressure_step_hpa": -3.0, "temperature_step_k": 6.0},
+}
+
+
+class Gradient(Settings):
+    """A pressure that rises across the land, and the geostrophic wind that goes with it, less in the friction layer."""
+
+    hpa_per_100km: Annotated[float, Field(ge=0.0, le=10.0)] = 1.5
+    towards_deg: Direction = 180.0
+    """where the pressure is higher"""
+    wind: bool = True
+
+    def at(self, place: Place) -> Change:
+        slope = self.hpa_per_100km * 100.0 / 100_000.0
+        pressure_pa = slope * place.towards(self.towards_deg)
+        if not self.wind:
+            return Change(pressure_pa)
+        coriolis = 2.0 * EARTH_RATE_RADPS * math.sin(math.radians(place.latitude_deg))
+        speed = slope / (_DENSITY_KGPM3 * abs(coriolis))
+        aloft = max(0.0, min(1.0, place.height_m / _FRICTION_HEIGHT_M))
+        speed *= _FRICTION_KEEPS + (1.0 - _FRICTION_KEEPS) * aloft
+        # The high is on the right of the wind in the northern hemisphere; friction turns it towards the low.
+        side = math.copysign(1.0, coriolis)
+        direction = math.radians(self.towards_deg) - side * (math.pi / 2.0 + _FRICTION_TURN_RAD * (1.0 - aloft))
+        return Change(pressure_pa, 0.0, speed * math.cos(direction), speed * math.sin(direction))
+
+
+class Diurnal(Settings):
+    """The course of a day: warmest at 15 h, and the atmosphere's tide, highest at 10 h and 22 h."""
+
+    start_h: Annotated[float, Field(ge=0.0, lt=24.0)] = 9.0
+    """local solar time of the boot"""
+    temperature_k: Annotated[float, Field(ge=0.0, le=25.0)] = 6.0
+    """amplitude"""
+    pressure_hpa: Annotated[float, Field(ge=0.0, le=5.0)] = 0.5
+    """amplitude: 1.2 hPa at the equator, 0.5 at 45 degrees [Chapman and Lindzen 1970, chapter 2]"""
+
+    def at(self, place: Place) -> Change:
+        hour = self.start_h + place.time_s / 3600.0
+        pressure_hpa = self.pressure_hpa * math.cos(math.tau * (hour - 10.0) / 12.0)
+        return Change(pressure_hpa * 100.0, self.temperature_k * math.cos(math.tau * (hour - 15.0) / 24.0))
+
+
+class Gust(Settings):
+    """One discrete gust, (1 - cos) in time [CS 23.333 (c)]."""
+
+    time_s: Time
+    duration_s: Annotated[float, Field(ge=0.5, le=600.0)] = 8.0
+    speed_mps: Speed = 8.0
+    from_deg: Direction = 0.0
+    up_mps: Annotated[float, Field(ge=-15.0, le=15.0)] = 0.0
+
+    def at(self, place: Place) -> Change:
+        share = (place.time_s - self.time_s) / self.duration_s
+        if not 0.0 < share < 1.0:
+            return Change()
+        size = 0.5 * (1.0 - math.cos(math.tau * share))
+        direction = math.radians(self.from_deg)
+        return Change(
+            0.0,
+            0.0,
+            -size * self.speed_mps * math.cos(direction),
+            -size * self.speed_mps * math.sin(direction),
+            -size * self.up_mps,
+        )
+
+
+class MountainWave(Settings):
+    """A standing wave behind a ridge: air that goes up and down, and a static pressure that is not the column's.
+
+    Linear theory of a hydrostatic wave that carries energy upwards: p' = rho N / k w, in phase with the updraught w, k
+    the wave number and N the air's stability [Gill, Atmosphere-Ocean Dynamics, section 6.8]. 4 m/s over 20 km make 1.9
+    hPa, 16 m of height.
+    """
+
+    up_mps: Annotated[float, Field(ge=0.0, le=12.0)] = 3.0
+    """amplitude"""
+    wavelength_m: Annotated[float, Field(ge=2_000.0, le=100_000.0)] = 15_000.0
+    along_deg: Direction = 90.0
+    """across the ridge"""
+    distance_m: Distance = 5_000.0
+    """of the ridge from the runway; there is no wave before it"""
+    rise_m: Annotated[float, Field(gt=0.0, le=10_000.0)] = 1_000.0
+    """height above the runway over which it grows to 1 - 1/e"""
+
+    def at(self, place: Place) -> Change:
+        beyond_m = place.towards(self.along_deg) - self.distance_m
+        if beyond_m <= 0.0 or place.height_m <= 0.0:
+            return Change()
+        number = math.tau / self.wavelength_m
+        up = self.up_mps * math.sin(number * beyond_m) * (1.0 - math.exp(-place.height_m / self.rise_m))
+        density = _DENSITY_KGPM3 * math.exp(-place.altitude_m / 9_500.0)
+        return Change(down_mps=-up, local_pa=density * _STABILITY_HZ / number * up)

@@ -144,8 +144,9 @@ class VehicleClock:
         if last is not None and last[0] == stamp_us:
             return last[1]
         time_us = self.now_us
-        for offset_us in (0, self._unix_offset_us, self._offsets.get(source)):
-            if offset_us is not None and self._is_near(stamp_us - offset_us):
+        bases = ((0, False), (self._unix_offset_us, False), (self._offsets.get(source), True))
+        for offset_us, is_learned in bases:
+            if offset_us is not None and self._is_near(stamp_us - offset_us, is_learned):
                 time_us = stamp_us - offset_us
                 break
         else:
@@ -154,9 +155,10 @@ class VehicleClock:
         self._repeats[source] = (stamp_us, time_us)
         return time_us
 
-    def _is_near(self, time_us: int) -> bool:
+    def _is_near(self, time_us: int, is_learned: bool) -> bool:
         """Within reordering of the clock, and not so far ahead of the boot stamps that these would seem old."""
-        return time_us >= self.now_us - self._reorder_us and time_us <= self._boot_us + self._reorder_us // 2
+        ahead_us = self._reorder_us // 2 if is_learned else self._reorder_us
+        return time_us >= self.now_us - self._reorder_us and time_us <= self._boot_us + ahead_us
 
 
 class Intake:

@@ -113,6 +113,11 @@ def extended_sys_state(message: Message) -> Readings:
     return (Reading(Kind.STATUS, TimeBase.NONE, 0, 0, (-1, on_ground.get(message.landed_state, 0), 0)),)
 
 
+def system_time(message: Message) -> Readings:
+    """SYSTEM_TIME: nothing but the boot clock, for vehicles whose other stamps may count from anything."""
+    return (Reading(Kind.STATUS, TimeBase.BOOT, message.time_boot_ms * 1000, 0, (-1, -1, 0)),)
+
+
 def home_position(message: Message) -> Readings:
     """HOME_POSITION: millimetres AMSL. One at exactly 0, 0 was never set."""
     if message.latitude == 0 and message.longitude == 0:
@@ -165,6 +170,7 @@ CONVERTERS: dict[int, Callable[[Message], Readings]] = {
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: heartbeat,
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: extended_sys_state,
     mavlink.MAVLINK_MSG_ID_HOME_POSITION: home_position,
+    mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: system_time,
 }
 """RAW_IMU is missing: its scale needs memory (`companion.mavlink.imu`)."""
 

@@ -12,6 +12,8 @@ altitude_terrain,     from a fresh downward range finder, corrected for tilt, el
 bottom_clearance
 time_usec             vehicle boot time of the estimate
 ====================  ==========================================================================================
+
+An altitude that leaps further than a vehicle can is withheld until it comes back or has stayed there for two seconds.
 """
 
 import math
@@ -28,6 +30,7 @@ from companion.samples import Kind, Rows, Verdict
 
 FRESH_US = 1_000_000
 VEHICLE_ALTITUDE_US = 5_000_000
+LEAP_US = 2_000_000
 TAKEOVER_S = 2.0
 STATUSTEXT_SIZE = 50
 LARGEST_FLOAT = 3.4028234e38
@@ -98,7 +101,7 @@ class Monotonic:
         baro_m = baro_altitude_m(pressure_pa)
         if math.isnan(self.altitude_m):
             self._offset_m = -baro_m
-        elif source != self._source or abs(baro_m + self._offset_m - self.altitude_m) > _reach_m(elapsed_s):
+        elif source != self._source or abs(baro_m + self._offset_m - self.altitude_m) > _reach_m(elapsed_s, TAKEOVER_S):
             self._offset_m = self.altitude_m - baro_m
         self.altitude_m = baro_m + self._offset_m
         self._source, self._time_us = source, time_us
@@ -109,9 +112,37 @@ class Monotonic:
         return self.altitude_m if abs(now_us - self._time_us) <= 2 * FRESH_US else math.nan
 
 
-def _reach_m(elapsed_s: float) -> float:
-    """How far a barometer may go between two samples; beyond, it was faulty before or is now."""
-    return 60.0 + 50.0 * min(max(0.0, elapsed_s), 10.0)
+def _reach_m(elapsed_s: float, longest_s: float) -> float:
+    """How far a height may go between two samples; beyond, it was wrong before or is now."""
+    return 60.0 + 50.0 * min(max(0.0, elapsed_s), longest_s)
+
+
+class Leap:
+    """Tells an altitude that no vehicle can have reached since the last one."""
+
+    def __init__(self) -> None:
+        self._last: tuple[int, float] | None = None
+        self._new: tuple[int, float] | None = None
+        self._since_us = 0
+
+    def withholds(self, time_us: int, altitude_m: float) -> bool:
+        """Whether the altitude must wait. A clock that went back starts anew."""
+        last = self._last
+        if last is None or time_us < last[0] or self._reaches(last, time_us, altitude_m):
+            self._last, self._new = (time_us, altitude_m), None
+            return False
+        new = self._new
+        if new is None or not self._reaches(new, time_us, altitude_m):
+            self._since_us = time_us
+        self._new = (time_us, altitude_m)
+        if time_us - self._since_us < LEAP_US:
+            return True
+        self._last, self._new = self._new, None
+        return False
+
+    @staticmethod
+    def _reaches(start: tuple[int, float], time_us: int, altitude_m: float) -> bool:
+        return abs(altitude_m - start[1]) <= _reach_m((time_us - start[0]) * 1e-6, 10.0)
 
 
 class Outputs:
@@ -122,6 +153,7 @@ class Outputs:
         self.monotonic = Monotonic()
         self._altitude_slots = Schedule(settings.altitude_hz)
         self._debug_slots = Schedule(settings.debug_hz)
+        self._leap = Leap()
         self._boots = 0
         self.restart()
 
@@ -169,7 +201,8 @@ class Outputs:
     def altitude(self, now_us: int, health: Health, estimate: Rows) -> Message | None:
         """ALTITUDE, when one is due and may be sent."""
         altitude_m = float(estimate[0]["altitude_amsl_m"])
-        if health is Health.LOST or not math.isfinite(altitude_m):
+        time_us = int(estimate[0]["time_us"])
+        if health is Health.LOST or not math.isfinite(altitude_m) or self._leap.withholds(time_us, altitude_m):
             return None
         if math.isnan(self._local_origin_m):
             self._local_origin_m = altitude_m
@@ -178,7 +211,6 @@ class Outputs:
         heard_us = self._vehicle_altitude_us
         if self.settings.altitude == "auto" and heard_us is not None and abs(now_us - heard_us) < VEHICLE_ALTITUDE_US:
             return None
-        time_us = int(estimate[0]["time_us"])
         if time_us < 0 or not self._altitude_slots.takes(time_us):
             return None
         reference_m = self._arming_m if math.isnan(self._home_m) else self._home_m

@@ -102,6 +102,7 @@ TABLE: list[tuple[str, Message, dict[str, Any]]] = [
     ("in the air", mavlink.MAVLink_extended_sys_state_message(0, 2), {"landed": 0}),
     ("landing", mavlink.MAVLink_extended_sys_state_message(0, 4), {"landed": 0}),
     ("landed state unknown", mavlink.MAVLink_extended_sys_state_message(0, 0), {"landed": -1}),
+    ("boot clock only", vehicle.system_time(5.0, 1_700_000_000_000_000), {"armed": -1, "landed": -1, "reboot": 0}),
     ("home in mm", vehicle.home(584.25),
      {"latitude_deg": 47.0, "longitude_deg": 8.0, "altitude_amsl_m": 584.25}),
 ]  # fmt: skip
@@ -144,6 +145,7 @@ def test_instances(message: Message, instance: int) -> None:
     [
         (vehicle.pressure(4.2), TimeBase.BOOT, 4_200_000),
         (vehicle.attitude(4.2), TimeBase.BOOT, 4_200_000),
+        (vehicle.system_time(4.2), TimeBase.BOOT, 4_200_000),
         (vehicle.gps(4.2), TimeBase.EITHER, 4_200_000),
         (vehicle.raw_imu(4.2), TimeBase.EITHER, 4_200_000),
         (vehicle.heartbeat(), TimeBase.NONE, 0),

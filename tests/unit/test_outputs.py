@@ -13,7 +13,7 @@ from companion.atmosphere import baro_altitude_m
 from companion.estimators import ESTIMATORS
 from companion.health import Health
 from companion.mavlink.codec import Encoder, Message, mavlink
-from companion.mavlink.outputs import Monotonic, Outputs, PublishSettings, Schedule, heartbeat, state_floats
+from companion.mavlink.outputs import Leap, Monotonic, Outputs, PublishSettings, Schedule, heartbeat, state_floats
 from companion.samples import ESTIMATE, Kind, Rows, Verdict, rows, sample
 from companion.settings import CompanionSettings
 from tests import vehicle
@@ -293,6 +293,40 @@ class TestWhen:
         silent: Any = dict.fromkeys(("heartbeat", "pressure", "gps", "imu"))
         echo = standing(30, 50, vehicle=Vehicle(1, 191), altitude=ours, **silent)
         assert feed(merged(standing(30, 50), echo)).names().count("ALTITUDE") > 50
+
+
+class TestLeap:
+    def heard(self, heights_m: list[float], step_s: float = 0.2) -> list[bool]:
+        """Which of a row of altitudes may go out."""
+        leap = Leap()
+        return [
+            not leap.withholds(round((10 + number * step_s) * SECOND_US), height_m)
+            for number, height_m in enumerate(heights_m)
+        ]
+
+    def test_a_single_leap_is_withheld(self) -> None:
+        assert self.heard([500, 501, 1040, 502, 503]) == [True, True, False, True, True]
+
+    def test_one_that_stays_is_published_after_two_seconds(self) -> None:
+        heard = self.heard([500.0] * 5 + [1040.0] * 20)
+        assert heard == [True] * 5 + [False] * 10 + [True] * 10
+
+    def test_wild_altitudes_never_are(self) -> None:
+        assert self.heard([500.0] + [9000.0 * (number % 3 + 1) for number in range(60)]) == [True] + [False] * 60
+
+    def test_a_fast_vehicle_is_followed(self) -> None:
+        assert all(self.heard([8000 - 100.0 * second for second in range(60)], 1.0))
+
+    def test_a_restarted_clock_starts_anew(self) -> None:
+        leap = Leap()
+        assert not leap.withholds(500 * SECOND_US, 500.0)
+        assert not leap.withholds(3 * SECOND_US, 3000.0)
+
+    def test_on_a_stream(self) -> None:
+        """An estimator that keeps its correction over a gap of the barometer errs once when another one comes back."""
+        bench = Bench(altitude_hz=5)
+        sent = [bench.altitude(10 + 0.2 * number, 1040.0 if number == 7 else 500.0) for number in range(12)]
+        assert [message is None for message in sent] == [number == 7 for number in range(12)]
 
 
 class TestOnTheWire:

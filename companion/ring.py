@@ -53,3 +53,10 @@ def at(times_us: NDArray[Any], values: NDArray[Any], time_us: int, reach_us: int
     if has_before:
         return values[before]
     return values[after] if has_after else math.nan
+
+
+@step
+def shift(values: NDArray[Any], change: float) -> None:
+    """Add to every value: a corrected trajectory keeps its shape."""
+    for i in range(values.size):
+        values[i] += change

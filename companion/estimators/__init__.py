@@ -6,6 +6,7 @@ Adding one is a module with a `Method` at its end, and a line here.
 from companion.estimators import (
     adaptive_fusion,
     air_data_gnss,
+    robust_altimeter,
 )
 from companion.estimators.method import Filter, Method, run_log
 
@@ -14,6 +15,7 @@ ESTIMATORS: dict[str, Method] = {
     for method in (
         adaptive_fusion.METHOD,
         air_data_gnss.METHOD,
+        robust_altimeter.METHOD,
     )
 }
 

@@ -115,7 +115,7 @@ STATE = state_dtype(
     ("error", "f8", (2,)),  # a, b
     ("P_error", "f8", (2, 2)),
     ("error_us", "i8"),  # until when Q^a and Q^b have been added
-    ("P_settled", "f8", (2, 2)),  # P_error after the last update, before its correlation is dropped
+    ("P_settled", "f8", (2, 2)),  # P_error after the last fix, before its correlation is dropped
     ("settled_us", "i8"),
     ("motion", "f8", (2,)),  # height, climb; NaN before the first
     ("P_motion", "f8", (2, 2)),
@@ -383,11 +383,6 @@ def correct_error(state: Rows, params: Rows, innovation: float, R: float) -> Non
     s, p = state[0], params[0]
     baro = s.motion[0] + s.error[0] * (s.motion[0] - p.H_0) + s.error[1]
     correct(s.error, s.P_error, s.H, s.K, innovation, R)
-    for i in range(2):
-        for j in range(2):
-            s.P_settled[i, j] = s.P_error[i, j]
-    if p.joint == 0:
-        s.P_error[0, 1], s.P_error[1, 0] = 0.0, 0.0
     s.error[0] = max(s.error[0], LOWEST_A)
     if p.carried == 1:
         s.motion[0] = compensate(baro, s.error[0], s.error[1], p.H_0)
@@ -453,7 +448,12 @@ def z_update(state: Rows, params: Rows, time_us: int, fix_m: float, R_GPS: float
         R_damped = R
     s.innovation_m = -innovation
     correct_error(state, params, innovation, R_damped)
+    for i in range(2):
+        for j in range(2):
+            s.P_settled[i, j] = s.P_error[i, j]
     s.settled_us = time_us
+    if params[0].joint == 0:
+        s.P_error[0, 1], s.P_error[1, 0] = 0.0, 0.0
     return USED if R_damped == R else GATED
 
 

@@ -388,6 +388,18 @@ def test_spread_is_honest_on_a_clean_flight(clean: Flight) -> None:
     assert np.nanmax(rows["altitude_sd_m"][settled]) < 3.0
 
 
+def test_spread_of_the_paper_preset_is_that_of_its_fixes_not_of_its_q() -> None:
+    """Q^b would be 45 m a second; with fixes of 3 m every second nothing of the kind happens."""
+    running = Filter(METHOD, AirDataGnssSettings(preset="paper", gnss_variance_m2="claimed", baro_variance_m2=1.0))
+    for cycle in range(200):
+        running.step(Kind.AIR, air(start_us(cycle), T0_K))
+        if cycle % 5 == 0:
+            running.step(Kind.GNSS, fix(start_us(cycle), 0.0))
+        running.step(Kind.PRESSURE, pressure(start_us(cycle), 0.0))
+        if cycle > 50:
+            assert 2.0 < running.estimate["altitude_sd_m"][0] < 5.0
+
+
 def test_a_barometer_alone_admits_what_the_weather_may_do(clean: Flight) -> None:
     elapsed_s, error_m, rows = errors_of(clean.copy().drop(Kind.GNSS))
     assert (rows["altitude_sd_m"] > 100.0).all()

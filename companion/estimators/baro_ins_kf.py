@@ -225,11 +225,14 @@ def spread_out(state: Rows, params: Rows, T: float) -> None:
         P[i, BIAS] *= phi_b
         P[i, ACCELERATION] *= phi_a
     q = p.baro_alone_q_m2ps3 if alone else p.q_m2ps3
-    P[V, V] += q * T
+    walk = p.bias_mps2 * p.bias_mps2 * (1.0 - phi_a * phi_a)  # of the accelerometer bias, and what it did meanwhile
+    P[V, V] += q * T + g * g * walk / 3.0
     P[ALTITUDE, V] += 0.5 * q * T * T
     P[ALTITUDE, ALTITUDE] += q * T * T * T / 3.0
     P[BIAS, BIAS] += p.sigma_m * p.sigma_m * (1.0 - phi_b * phi_b)
-    P[ACCELERATION, ACCELERATION] += p.bias_mps2 * p.bias_mps2 * (1.0 - phi_a * phi_a)
+    P[ACCELERATION, V] += 0.5 * g * walk
+    P[ACCELERATION, ALTITUDE] += g * T * walk / 6.0
+    P[ACCELERATION, ACCELERATION] += walk
     for i in range(4):
         for j in range(i):
             P[j, i] = P[i, j]

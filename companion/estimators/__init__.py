@@ -7,6 +7,7 @@ from companion.estimators import (
     adaptive_fusion,
     air_data_gnss,
     robust_altimeter,
+    vertical_bank,
 )
 from companion.estimators.method import Filter, Method, run_log
 
@@ -16,6 +17,7 @@ ESTIMATORS: dict[str, Method] = {
         adaptive_fusion.METHOD,
         air_data_gnss.METHOD,
         robust_altimeter.METHOD,
+        vertical_bank.METHOD,
     )
 }
 

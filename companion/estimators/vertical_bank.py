@@ -35,7 +35,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from companion.atmosphere import baro_altitude_m
+from companion.atmosphere import baro_altitude_m, qnh_pa
 from companion.attitude import (
     attitude_fields,
     attitude_gnss,
@@ -68,113 +68,114 @@ from companion.estimators.method import (
     tally,
 )
 from companion.estimators.vertical_channel import (
-    ACCEL,
     CLIMB,
-    FAST,
     GNSS_BIAS,
     HEIGHT,
     OFFSET,
     RATE,
     SCALE,
-    SIZE,
     absorb,
-    begin,
-    decay,
     dot,
-    duplicate,
     expect_baro,
     gather,
-    propagate,
     sees_climb,
     sees_height,
 )
+from companion.estimators.vertical_integrity import (
+    BAROMETER,
+    FIX_SIGMA,
+    GNSS_HEIGHT,
+    IMU_PENALTY_US,
+    INERTIAL,
+    baro_comes_back,
+    blame,
+    blamed_now,
+    follows_baro,
+    follows_gnss,
+    gnss_comes_back,
+    height_above_takeoff,
+    integrity_fields,
+    integrity_start,
+    is_blamed,
+    note_armed,
+    note_interval,
+    note_repeat,
+    protection_level_m,
+    relearn_offset,
+    sees_baro,
+    separate,
+    spread_m,
+    watch_baro,
+    watch_fix,
+    watch_takeoff,
+)
+from companion.estimators.vertical_mixture import (
+    BANK,
+    CHANNELS,
+    advance,
+    combine,
+    known_displacement,
+    mixture_fields,
+    mixture_start,
+    take_acceleration,
+)
 from companion.jit import step
 from companion.kalman import inflated
-from companion.ring import at, clear, push, ring_fields
 from companion.samples import Kind, Rows, Tables, readable, rows
 
 LOWEST_PA, HIGHEST_PA = 1_000.0, 120_000.0
-BANK = 3
-FILTERS = 3
 OUTPUT_US = 100_000
-BLIND_US = 250_000
-"""IMU samples further apart than this leave a gap that nothing is known about."""
-NORMAL_INTERVAL_S = 0.02
-LONGEST_STEP_S = 1.0
-MIX_US = 1_000_000
-BARO_GATE = 3.0
-BARO_CLIPPED = 15
-GNSS_GATE = 5.0
+"""an estimate is no older than this while there is an IMU"""
+SOFT_SIGMA = 3.0
+CLIPPED_TO_RELEARN = 15
 NOISE_STEP = 0.1
 MEDIAN_TO_SD = 1.4826
-RING_SIZE = 160
-RING_SPACING_US = 8_000
+FASTEST_CLIMB_MPS = 200.0
+QNH_PA_PER_M = 12.0
+"""of sea-level air"""
 
 STATE = state_dtype(
     *attitude_fields(),
-    *ring_fields("fallen", RING_SIZE),
-    ("x", "f8", (FILTERS, SIZE)),
-    ("P", "f8", (FILTERS, SIZE, SIZE)),
-    ("steady", "f8", (FILTERS, SIZE)),
-    ("walk", "f8", (FILTERS, SIZE)),
-    ("weight", "f8", (BANK,)),  # model probabilities when last mixed
-    ("evidence", "f8", (BANK,)),  # log likelihood since
-    ("probability", "f8", (BANK,)),  # of both
-    ("mixed_x", "f8", (BANK, SIZE)),
-    ("mixed_P", "f8", (BANK, SIZE, SIZE)),
-    ("mean", "f8", (SIZE,)),
-    ("cov", "f8", (SIZE, SIZE)),
-    ("keep", "f8", (SIZE,)),
-    ("H", "f8", (SIZE,)),
-    ("K", "f8", (SIZE,)),
-    ("filter_us", "i8"),  # the instant of all filters, -1 before the first measurement
-    ("mixed_us", "i8"),
-    ("up_us", "i8"),
-    ("up_mps2", "f8"),
-    ("inertial_us", "i8"),
-    ("gained_v", "f8"),  # u integrated since filter_us
-    ("gained_h", "f8"),
-    ("gained_psd", "f8"),
-    ("V", "f8"),  # u integrated once and twice since the start
-    ("S", "f8"),
-    ("path_m", "f8"),  # displacement since the start as the bank sees it
+    *mixture_fields(),
+    *integrity_fields(),
     ("baro_seen", "i8"),
+    ("baro_pa", "f8"),  # newest pressure, its height, and where it was
     ("baro_m", "f8"),
-    ("baro_pa", "f8"),
     ("baro_path_m", "f8"),
-    ("baro_median_m", "f8"),
-    ("baro_clipped", "i8"),
-    ("gnss_steady_m2", "f8"),
-    ("gnss_median_m", "f8"),
+    ("baro_median_m", "f8"),  # of the differences between consecutive heights beyond the motion
+    ("baro_clipped", "i8"),  # innovations beyond the gate in a row; the sign is their side
+    ("fix_seen", "i8"),
+    ("gnss_slow_m2", "f8"),
     ("innovation_m", "f8"),
-    ("gnss_failed", "i8"),  # bits of the last five fixes
 )
 
 PARAMS = np.dtype(
     [
         ("vehicle_attitude", "i8"),
-        ("accel_noise_mps2_rthz", "f8"),
-        ("blind_noise_mps2_rthz", "f8"),
+        ("accel_noise_mps2", "f8"),
+        ("blind_noise_mps2", "f8"),
         ("accel_bias_sd_mps2", "f8"),
-        ("accel_bias_walk_mps2_rts", "f8"),
+        ("accel_bias_walk_mps2", "f8"),
         ("offset_sd_m", "f8"),
-        ("offset_walk_m_rts", "f8"),
+        ("offset_walk_m", "f8"),
         ("rate_sd_mps", "f8", (BANK,)),
         ("rate_time_s", "f8"),
         ("weather_prior", "f8", (BANK,)),
         ("switching_s", "f8"),
         ("fast_sd_m", "f8"),
         ("fast_time_s", "f8"),
-        ("scale_sd", "f8"),
-        ("scale_walk_rts", "f8"),
+        ("scale_sd_ratio", "f8"),
+        ("scale_walk_ratio", "f8"),
         ("baro_sd_m", "f8"),
         ("gnss_time_s", "f8"),
-        ("gnss_slow_share", "f8"),
+        ("gnss_slow_ratio", "f8"),
         ("gnss_slow_floor_m", "f8"),
-        ("gnss_white_share", "f8"),
+        ("gnss_white_ratio", "f8"),
         ("gnss_white_floor_m", "f8"),
         ("gnss_sd_unknown_m", "f8"),
         ("gnss_climb_sd_mps", "f8"),
+        ("protection_sigma", "f8"),
+        ("fault_sigma", "f8"),
     ],
     align=True,
 )
@@ -185,19 +186,20 @@ class VerticalBankSettings(Settings):
     rates."""
 
     vehicle_attitude: bool = False
-    """take the autopilot's attitude while it agrees with our own; an EKF's is wild while it starts and under jamming"""
-    accel_noise_mps2_rthz: float = Field(0.05, gt=0, le=10)
-    """white noise of the upward acceleration, vibration and attitude noise included; grows with the IMU's interval"""
-    blind_noise_mps2_rthz: float = Field(1.5, gt=0, le=100)
+    """prefer the autopilot's attitude while it agrees with our own; an EKF's is wild while it starts and when jammed"""
+    accel_noise_mps2: float = Field(0.05, gt=0, le=10)
+    """white noise of the upward acceleration as the mean of a second has it, vibration and attitude included; a slow IMU
+    has more"""
+    blind_noise_mps2: float = Field(1.5, gt=0, le=100)
     """the same without IMU: manoeuvres"""
     accel_bias_sd_mps2: float = Field(0.2, ge=0, le=10)
     """of a consumer accelerometer after warm-up, and a tilt of some degrees"""
-    accel_bias_walk_mps2_rts: float = Field(2e-3, ge=0, le=1)
-    """growth of the bias in root seconds"""
+    accel_bias_walk_mps2: float = Field(2e-3, ge=0, le=1)
+    """its random walk in a second"""
     offset_sd_m: float = Field(100.0, gt=0, le=10_000)
     """barometer's slow error at sea level at the start: 12 hPa. A tighter prior that is wrong costs metres"""
-    offset_walk_m_rts: float = Field(0.05, ge=0, le=10)
-    """its random walk: 3 m in an hour, besides the drift rate"""
+    offset_walk_m: float = Field(0.05, ge=0, le=10)
+    """its random walk in a second: 3 m in an hour, besides the drift rate"""
     rate_sd_mps: tuple[
         Annotated[float, Field(ge=0, le=10)], Annotated[float, Field(ge=0, le=10)], Annotated[float, Field(ge=0, le=10)]
     ] = (0.01, 0.1, 0.4)
@@ -214,19 +216,19 @@ class VerticalBankSettings(Settings):
     """barometer's fast error: gusts over the static port, sensor wander"""
     fast_time_s: float = Field(60.0, gt=0, le=1e5)
     """for how long that lasts"""
-    scale_sd: float = Field(0.05, ge=0, le=1)
+    scale_sd_ratio: float = Field(0.05, ge=0, le=1)
     """change of the barometer's error with height: 15 K"""
-    scale_walk_rts: float = Field(5e-4, ge=0, le=1)
-    """its random walk: .03 (9 K) in an hour"""
+    scale_walk_ratio: float = Field(5e-4, ge=0, le=1)
+    """its random walk in a second: .03 (9 K) in an hour"""
     baro_sd_m: float = Field(0.4, gt=0, le=100)
     """white noise of the barometer height; more when the stream shows more"""
     gnss_time_s: float = Field(250.0, gt=0, le=1e5)
     """for how long the slow part of the GNSS height error lasts"""
-    gnss_slow_share: float = Field(0.7, ge=0, le=1)
+    gnss_slow_ratio: float = Field(0.7, ge=0, le=1)
     """slow part of the spread that the receiver claims"""
     gnss_slow_floor_m: float = Field(2.5, ge=0, le=100)
     """and no less than this"""
-    gnss_white_share: float = Field(0.7, ge=0, le=1)
+    gnss_white_ratio: float = Field(0.7, ge=0, le=1)
     """white part of the spread that the receiver claims"""
     gnss_white_floor_m: float = Field(1.0, gt=0, le=100)
     """and no less than this"""
@@ -235,11 +237,34 @@ class VerticalBankSettings(Settings):
     gnss_climb_sd_mps: float = Field(0.6, gt=0, le=100)
     """of a GNSS climb: more than its noise, as its errors last for seconds"""
 
+    integrity_risk_probability: float = Field(1e-3, gt=0, lt=1)
+    """chance that the error exceeds the protection level within an hour"""
+    fault_probability: float = Field(1e-3, gt=0, lt=1)
+    """how often a sensor goes wrong unseen"""
+
     def params(self) -> Rows:
         row = rows(PARAMS)
+        row["protection_sigma"] = crossing_sigma(self.integrity_risk_probability, self.gnss_time_s)
+        row["fault_sigma"] = crossing_sigma(self.integrity_risk_probability / self.fault_probability, self.gnss_time_s)
         for name in PARAMS.names or ():
-            row[name] = getattr(self, name)
+            if hasattr(self, name):
+                row[name] = getattr(self, name)
         return row
+
+
+def crossing_sigma(rate_per_h: float, time_s: float) -> float:
+    """The level k that an error with this correlation time exceeds so often, in sigma; NaN for a rate of 1 and more.
+
+    A Gauss-Markov process leaves +-k at the rate 2 k / (sqrt(2 pi) tau) exp(-k^2 / 2), for k well above 1.
+    """
+    if rate_per_h >= 1.0:
+        return math.nan
+    low, high = 1.0, 20.0
+    for _ in range(60):
+        k = 0.5 * (low + high)
+        rate = 3600.0 / time_s * 2.0 * k / math.sqrt(math.tau) * math.exp(-0.5 * k * k)
+        low, high = (k, high) if rate > rate_per_h else (low, k)
+    return high
 
 
 def init(params: Rows) -> Rows:
@@ -252,170 +277,23 @@ def init(params: Rows) -> Rows:
 @step
 def start(state: Rows, params: Rows) -> None:
     """Forget everything but the counters."""
-    s, p = state[0], params[0]
+    s = state[0]
     reset(state)
     attitude_start(state)
-    clear(s.fallen_us, s.fallen_values)
-    s.filter_us = -1
-    s.mixed_us = -1
-    s.up_us = -1
-    s.up_mps2 = math.nan
-    s.inertial_us = -1
-    s.gained_v, s.gained_h, s.gained_psd = 0.0, 0.0, 0.0
-    s.V, s.S, s.path_m = 0.0, 0.0, 0.0
+    mixture_start(state, params)
+    integrity_start(state, params)
     s.baro_seen = 0
-    s.baro_m, s.baro_pa, s.baro_path_m = math.nan, math.nan, 0.0
-    s.baro_median_m = p.baro_sd_m
+    s.baro_pa, s.baro_m, s.baro_path_m = math.nan, math.nan, 0.0
+    s.baro_median_m = params[0].baro_sd_m
     s.baro_clipped = 0
-    s.gnss_steady_m2 = 0.0
-    s.gnss_median_m = p.gnss_white_floor_m
+    s.fix_seen = 0
+    s.gnss_slow_m2 = 0.0
     s.innovation_m = math.nan
-    s.gnss_failed = 0
-    for i in range(FILTERS):
-        begin(s.x[i], s.P[i])
-        for k in range(SIZE):
-            s.steady[i, k] = 0.0
-            s.walk[i, k] = 0.0
-        rate = p.rate_sd_mps[i]
-        s.P[i, CLIMB, CLIMB] = 900.0
-        s.P[i, ACCEL, ACCEL] = p.accel_bias_sd_mps2 * p.accel_bias_sd_mps2
-        s.walk[i, ACCEL] = p.accel_bias_walk_mps2_rts * p.accel_bias_walk_mps2_rts
-        s.walk[i, OFFSET] = p.offset_walk_m_rts * p.offset_walk_m_rts
-        s.walk[i, SCALE] = p.scale_walk_rts * p.scale_walk_rts
-        s.steady[i, RATE] = rate * rate
-        s.steady[i, FAST] = p.fast_sd_m * p.fast_sd_m
-        s.P[i, RATE, RATE] = s.steady[i, RATE]
-        s.P[i, FAST, FAST] = s.steady[i, FAST]
-    for i in range(BANK):
-        s.weight[i] = p.weather_prior[i]
-        s.probability[i] = p.weather_prior[i]
-        s.evidence[i] = 0.0
-
-
-@step
-def integrate(state: Rows, params: Rows, to_us: int) -> None:
-    """Integrate the newest upward acceleration until `to_us`; without one that is fresh, count the time as blind."""
-    s, p = state[0], params[0]
-    if s.inertial_us < 0:
-        s.inertial_us = to_us
-    dt = (to_us - s.inertial_us) * 1e-6
-    if dt <= 0.0:
-        return
-    seen = not math.isnan(s.up_mps2) and to_us - s.up_us <= BLIND_US
-    up = s.up_mps2 if seen else 0.0
-    noise = p.blind_noise_mps2_rthz
-    if seen:
-        noise = p.accel_noise_mps2_rthz * max(1.0, s.attitude_interval_s / NORMAL_INTERVAL_S)
-    s.gained_h += s.gained_v * dt + 0.5 * up * dt * dt
-    s.gained_v += up * dt
-    s.gained_psd += noise * noise * dt
-    s.S += s.V * dt + 0.5 * up * dt * dt
-    s.V += up * dt
-    s.inertial_us = to_us
-    newest = s.fallen_us[(s.fallen_us[RING_SIZE] + RING_SIZE - 1) % RING_SIZE]
-    if to_us - newest >= RING_SPACING_US:
-        push(s.fallen_us, s.fallen_values, to_us, s.S)
-
-
-@step
-def advance(state: Rows, params: Rows, to_us: int) -> None:
-    """Bring every filter to `to_us`."""
-    s, p = state[0], params[0]
-    integrate(state, params, to_us)
-    if s.filter_us < 0:
-        s.filter_us = to_us
-        s.gained_v, s.gained_h, s.gained_psd = 0.0, 0.0, 0.0
-        return
-    total_s = (to_us - s.filter_us) * 1e-6
-    if total_s <= 0.0:
-        return
-    steps = min(100, int(total_s / LONGEST_STEP_S) + 1)
-    dt = total_s / steps
-    decay(s.keep, dt, p.rate_time_s, p.fast_time_s, p.gnss_time_s)
-    psd = s.gained_psd / total_s
-    moved = 0.0
-    for _ in range(steps):
-        dv = s.gained_v / steps
-        dh = s.gained_h if steps == 1 else 0.5 * dv * dt
-        for i in range(FILTERS):
-            d = propagate(s.x[i], s.P[i], s.keep, s.steady[i], s.walk[i], dt, dv, dh, psd)
-            if i < BANK:
-                moved += s.probability[i] * d
-    s.path_m += moved
-    s.gained_v, s.gained_h, s.gained_psd = 0.0, 0.0, 0.0
-    s.filter_us = to_us
-    mix(state, params)
-
-
-@step
-def weigh(state: Rows) -> None:
-    """Model probabilities: those of the last mixing times the likelihood since."""
-    s = state[0]
-    best = max(s.evidence[0], s.evidence[1], s.evidence[2])
-    total = 0.0
-    for i in range(BANK):
-        s.probability[i] = s.weight[i] * math.exp(s.evidence[i] - best)
-        total += s.probability[i]
-    for i in range(BANK):
-        s.probability[i] /= total
-
-
-@step
-def combine(state: Rows) -> None:
-    """Mean and covariance of the bank."""
-    s = state[0]
-    weigh(state)
-    for k in range(SIZE):
-        s.mean[k] = 0.0
-        for i in range(BANK):
-            s.mean[k] += s.probability[i] * s.x[i, k]
-    for k in range(SIZE):
-        for m in range(SIZE):
-            s.cov[k, m] = 0.0
-            for i in range(BANK):
-                apart = (s.x[i, k] - s.mean[k]) * (s.x[i, m] - s.mean[m])
-                s.cov[k, m] += s.probability[i] * (s.P[i, k, m] + apart)
-
-
-@step
-def mix(state: Rows, params: Rows) -> None:
-    """Interaction: each filter restarts from what the others say, weighed by how likely the weather changed to it."""
-    s, p = state[0], params[0]
-    elapsed_us = s.filter_us - s.mixed_us
-    if s.mixed_us >= 0 and elapsed_us < MIX_US:
-        return
-    change = 0.0 if s.mixed_us < 0 else 1.0 - math.exp(-elapsed_us * 1e-6 / p.switching_s)
-    s.mixed_us = s.filter_us
-    weigh(state)
-    for j in range(BANK):
-        now = (1.0 - change) * s.probability[j] + change * p.weather_prior[j]
-        s.weight[j] = now
-        for k in range(SIZE):
-            s.mixed_x[j, k] = 0.0
-        for i in range(BANK):
-            share = (change * p.weather_prior[j] + (1.0 - change if i == j else 0.0)) * s.probability[i] / now
-            s.H[i] = share
-            for k in range(SIZE):
-                s.mixed_x[j, k] += share * s.x[i, k]
-        for k in range(SIZE):
-            for m in range(SIZE):
-                s.mixed_P[j, k, m] = 0.0
-                for i in range(BANK):
-                    apart = (s.x[i, k] - s.mixed_x[j, k]) * (s.x[i, m] - s.mixed_x[j, m])
-                    s.mixed_P[j, k, m] += s.H[i] * (s.P[i, k, m] + apart)
-    for j in range(BANK):
-        duplicate(s.x[j], s.P[j], s.mixed_x[j], s.mixed_P[j])
-        s.evidence[j] = 0.0
-
-
-@step
-def track(median: float, value: float) -> float:
-    """Median of |value|, recursively."""
-    return median * (1.0 + NOISE_STEP) if abs(value) > median else median / (1.0 + NOISE_STEP)
 
 
 @step
 def on_imu(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
+    """Attitude, upward acceleration, and its integral; between measurements the estimate goes on ten times a second."""
     s = state[0]
     if sample[0].instance != 0:
         return tally(state, IMU, IGNORED)
@@ -425,40 +303,44 @@ def on_imu(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     time_us = sample[0].time_us
     place(state, IMU, 0, time_us)
     attitude_imu(state, sample)
-    if not imu_can_be_integrated(state):
-        s.up_mps2 = math.nan
-        return tally(state, IMU, IGNORED)
-    up = up_acceleration_mps2(state, sample)
-    before_us, s.up_us = s.up_us, time_us
-    s.up_mps2 = up
-    if math.isnan(up):
-        return tally(state, IMU, IGNORED)
-    if time_us - before_us > BLIND_US:
-        s.up_mps2 = math.nan
-        integrate(state, params, time_us)
-        s.up_mps2 = up
-    else:
-        integrate(state, params, time_us)
+    up_mps2 = upward_mps2(state, params, sample) if imu_can_be_integrated(state) else math.nan
+    if math.isnan(up_mps2):
+        verdict = IGNORED
+    elif is_blamed(state, INERTIAL):
+        verdict, up_mps2 = GATED, math.nan
+        if s.filter_us - s.blamed_us[INERTIAL] > IMU_PENALTY_US:
+            s.blamed_us[INERTIAL] = -1
+    take_acceleration(state, params, time_us, up_mps2)
     if s.filter_us >= 0 and time_us - s.filter_us >= OUTPUT_US:
         advance(state, params, time_us)
         write_estimate(state, params, estimate)
-    return tally(state, IMU, USED)
+    return tally(state, IMU, verdict)
+
+
+@step
+def upward_mps2(state: Rows, params: Rows, sample: Rows) -> float:
+    """Upward acceleration by our own attitude; the vehicle's while ours is unknown, or if the settings say so."""
+    up, force = state[0].attitude_up_b, sample[0].specific_force_b_mps2
+    if params[0].vehicle_attitude == 1 or math.isnan(up[0]):
+        return up_acceleration_mps2(state, sample)
+    return force[0] * up[0] + force[1] * up[1] + force[2] * up[2] - state[0].attitude_gravity_mps2
 
 
 @step
 def on_attitude(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
+    """The autopilot's attitude, a second source beside our own."""
     if sample[0].instance != 0:
         return tally(state, ATTITUDE, IGNORED)
     verdict = judge_attitude(state, sample)
     if verdict == USED:
         place(state, ATTITUDE, 0, sample[0].time_us)
-        if params[0].vehicle_attitude == 1:
-            attitude_vehicle(state, sample)
+        attitude_vehicle(state, sample)
     return tally(state, ATTITUDE, verdict)
 
 
 @step
 def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
+    """A barometer height: is it new, what noise does it show, is it to be believed; then every channel takes it."""
     s, p = state[0], params[0]
     if sample[0].instance != 0:
         return tally(state, PRESSURE, IGNORED)
@@ -467,38 +349,76 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         return tally(state, PRESSURE, verdict)
     time_us = sample[0].time_us
     place(state, PRESSURE, 0, time_us)
-    advance(state, params, time_us)
-    baro_m = baro_altitude_m(sample[0].pressure_pa)
-    late_s = (s.filter_us - time_us) * 1e-6
-    if s.baro_seen == 0:
-        for i in range(FILTERS):
-            expect_baro(s.x[i], s.P[i], baro_m, p.offset_sd_m * p.offset_sd_m, p.scale_sd * p.scale_sd)
-        s.baro_seen = 1
-    elif sample[0].pressure_pa == s.baro_pa:
+    advance(state, params, max(time_us, s.filter_us))
+    if sample[0].pressure_pa == s.baro_pa:
+        note_repeat(state, time_us, s.path_m - s.baro_path_m)
         write_estimate(state, params, estimate)
-        return tally(state, PRESSURE, USED)  # the same value again is no measurement
-    else:
-        s.baro_median_m = track(s.baro_median_m, baro_m - s.baro_m - (s.path_m - s.baro_path_m))
+        return tally(state, PRESSURE, GATED if is_blamed(state, BAROMETER) else USED)
+    baro_m = baro_altitude_m(sample[0].pressure_pa)
+    white_m = baro_white_m(state, params, baro_m)
+    note_interval(state, time_us)
+    if s.baro_seen == 0:
+        s.baro_seen = 1
+        for i in range(CHANNELS):
+            if follows_baro(i):
+                expect_baro(s.x[i], s.P[i], baro_m, p.offset_sd_m * p.offset_sd_m, p.scale_sd_ratio * p.scale_sd_ratio)
     s.baro_m, s.baro_pa, s.baro_path_m = baro_m, sample[0].pressure_pa, s.path_m
-    white = max(p.baro_sd_m, MEDIAN_TO_SD * s.baro_median_m / math.sqrt(2.0))
-    R = white * white
-    sees_height(s.H, late_s)
-    s.H[OFFSET] = 1.0
-    s.H[FAST] = 1.0
-    reacquire(state, baro_m, R)
-    for i in range(BANK):
-        innovation = baro_m - dot(s.H, s.x[i])
-        spread = gather(s.P[i], s.H, s.K)
-        S = spread + inflated(innovation, spread + R, R, BARO_GATE)
-        absorb(s.x[i], s.P[i], s.K, innovation, S)
-        s.evidence[i] -= 0.5 * (math.log(S) + innovation * innovation / S)
+    sees_baro(state, (s.filter_us - time_us) * 1e-6)
+    if is_blamed(state, BAROMETER):
+        if not baro_comes_back(state, params, baro_m, white_m):
+            verdict = GATED
+    elif watch_baro(state, baro_m, white_m * white_m):
+        blame(state, BAROMETER)
+        verdict = GATED
+    if verdict == USED:
+        take_baro(state, baro_m, white_m * white_m)
     write_estimate(state, params, estimate)
-    return tally(state, PRESSURE, USED)
+    return tally(state, PRESSURE, verdict)
+
+
+@step
+def baro_white_m(state: Rows, params: Rows, baro_m: float) -> float:
+    """White noise of the barometer height: no less than the stream shows.
+
+    The median of |change beyond the motion| is followed by a step up or down with every value: an outlier counts no
+    more than any other.
+    """
+    s = state[0]
+    if not math.isnan(s.baro_m):
+        change_m = baro_m - s.baro_m - (s.path_m - s.baro_path_m)
+        s.baro_median_m *= 1.0 + NOISE_STEP if abs(change_m) > s.baro_median_m else 1.0 / (1.0 + NOISE_STEP)
+    return max(params[0].baro_sd_m, MEDIAN_TO_SD / math.sqrt(2.0) * s.baro_median_m)
+
+
+@step
+def take_baro(state: Rows, baro_m: float, R: float) -> None:
+    """Correct every channel that follows the barometer; the bank's weights move with the likelihood."""
+    s = state[0]
+    combine(state)
+    innovation = baro_m - dot(s.H, s.mean)
+    if innovation * innovation <= SOFT_SIGMA * SOFT_SIGMA * (gather(s.cov, s.H, s.K) + R):
+        s.baro_clipped = 0
+    else:
+        side = 1 if innovation > 0.0 else -1
+        s.baro_clipped = s.baro_clipped + side if s.baro_clipped * side > 0 else side
+        if abs(s.baro_clipped) >= CLIPPED_TO_RELEARN:
+            s.baro_clipped = 0
+            relearn_offset(state, innovation * innovation)
+    for i in range(CHANNELS):
+        if not follows_baro(i):
+            continue
+        innovation = baro_m - dot(s.H, s.x[i])
+        known = gather(s.P[i], s.H, s.K)
+        S = known + inflated(innovation, known + R, R, SOFT_SIGMA)
+        absorb(s.x[i], s.P[i], s.K, innovation, S)
+        if i < BANK:
+            s.evidence[i] -= 0.5 * (math.log(S) + innovation * innovation / S)
 
 
 @step
 def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
-    s, p = state[0], params[0]
+    """A fix, which is late: it meets the height of its own time."""
+    s = state[0]
     if sample[0].instance != 0:
         return tally(state, GNSS, IGNORED)
     verdict = judge_gnss(state, sample)
@@ -507,63 +427,79 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     time_us = sample[0].time_us
     place(state, GNSS, 0, time_us)
     attitude_gnss(state, sample)
-    if s.filter_us < time_us:
-        advance(state, params, time_us)
+    advance(state, params, max(time_us, s.filter_us))
+    R = expect_gnss(state, params, sample)
     late_s = (s.filter_us - time_us) * 1e-6
-    sd = gnss_sd_m(sample, 0.0, p.gnss_sd_unknown_m)
-    slow = max(p.gnss_slow_floor_m, p.gnss_slow_share * sd)
-    white = max(p.gnss_white_floor_m, p.gnss_white_share * sd)
-    R = white * white
-    grown = slow * slow - s.gnss_steady_m2
-    s.gnss_steady_m2 = slow * slow
-    for i in range(FILTERS):
-        s.steady[i, GNSS_BIAS] = slow * slow
-        s.P[i, GNSS_BIAS, GNSS_BIAS] += max(0.0, grown)
-    back = late_s * s.V - (s.S - at(s.fallen_us, s.fallen_values, time_us, BLIND_US)) if late_s > 0.0 else 0.0
-    if math.isnan(back):
-        back = 0.0
+    fix_m = sample[0].altitude_amsl_m - known_displacement(state, time_us)
     sees_height(s.H, late_s)
     s.H[GNSS_BIAS] = 1.0
     combine(state)
-    s.innovation_m = sample[0].altitude_amsl_m - back - dot(s.H, s.mean)
-    S = R + gather(s.cov, s.H, s.K)
-    if s.innovation_m * s.innovation_m > GNSS_GATE * GNSS_GATE * S:
-        verdict = GATED
+    s.innovation_m = fix_m - dot(s.H, s.mean)
+    far = s.innovation_m * s.innovation_m > FIX_SIGMA * FIX_SIGMA * (R + gather(s.cov, s.H, s.K))
+    if is_blamed(state, GNSS_HEIGHT):
+        if not gnss_comes_back(state, s.innovation_m):
+            verdict = GATED
+    elif far and s.fix_seen == 0:
+        relearn_offset(state, s.innovation_m * s.innovation_m)  # the barometer's datum is further off than its prior
     else:
-        for i in range(BANK):
-            innovation = sample[0].altitude_amsl_m - back - dot(s.H, s.x[i])
-            S = R + gather(s.P[i], s.H, s.K)
-            absorb(s.x[i], s.P[i], s.K, innovation, S)
-            s.evidence[i] -= 0.5 * (math.log(S) + innovation * innovation / S)
-        climb = sample[0].climb_mps
-        if -200.0 < climb < 200.0:
-            gained = 0.0 if math.isnan(s.up_mps2) else s.up_mps2 * late_s
-            sees_climb(s.H, late_s)
-            for i in range(BANK):
-                innovation = climb + gained - dot(s.H, s.x[i])
-                spread = gather(s.P[i], s.H, s.K)
-                S = spread + inflated(innovation, spread + p.gnss_climb_sd_mps**2, p.gnss_climb_sd_mps**2, BARO_GATE)
-                absorb(s.x[i], s.P[i], s.K, innovation, S)
-                s.evidence[i] -= 0.5 * (math.log(S) + innovation * innovation / S)
+        watch_fix(state, far)
+        verdict = GATED if far else USED
+    if verdict == USED:
+        s.fix_seen = 1
+        take_fix(state, fix_m, R)
+        take_climb(state, params, sample[0].climb_mps, late_s)
+    combine(state)
+    separate(state, params)
     write_estimate(state, params, estimate)
     return tally(state, GNSS, verdict)
 
 
 @step
-def reacquire(state: Rows, baro_m: float, R: float) -> None:
-    """After `BARO_CLIPPED` innovations beyond the gate on one side, the offset has jumped: learn it anew."""
+def expect_gnss(state: Rows, params: Rows, sample: Rows) -> float:
+    """Split the spread of a fix: the slow variance goes to every channel, the white one is returned."""
+    s, p = state[0], params[0]
+    sd_m = gnss_sd_m(sample, 0.0, p.gnss_sd_unknown_m)
+    slow_m = max(p.gnss_slow_floor_m, p.gnss_slow_ratio * sd_m)
+    white_m = max(p.gnss_white_floor_m, p.gnss_white_ratio * sd_m)
+    worse_m2 = max(0.0, slow_m * slow_m - s.gnss_slow_m2)
+    s.gnss_slow_m2 = slow_m * slow_m
+    for i in range(CHANNELS):
+        s.steady[i, GNSS_BIAS] = s.gnss_slow_m2
+        if follows_gnss(i):
+            s.P[i, GNSS_BIAS, GNSS_BIAS] += worse_m2
+    return white_m * white_m
+
+
+@step
+def take_fix(state: Rows, fix_m: float, R: float) -> None:
+    """Correct every channel that follows GNSS; the bank's weights move with the likelihood."""
     s = state[0]
-    combine(state)
-    innovation = baro_m - dot(s.H, s.mean)
-    if innovation * innovation <= BARO_GATE * BARO_GATE * (gather(s.cov, s.H, s.K) + R):
-        s.baro_clipped = 0
+    for i in range(CHANNELS):
+        if follows_gnss(i):
+            innovation = fix_m - dot(s.H, s.x[i])
+            S = R + gather(s.P[i], s.H, s.K)
+            absorb(s.x[i], s.P[i], s.K, innovation, S)
+            if i < BANK:
+                s.evidence[i] -= 0.5 * (math.log(S) + innovation * innovation / S)
+
+
+@step
+def take_climb(state: Rows, params: Rows, climb_mps: float, late_s: float) -> None:
+    """The same with a GNSS climb, where there is one; what the climb gained since is integrated."""
+    s, p = state[0], params[0]
+    if not -FASTEST_CLIMB_MPS < climb_mps < FASTEST_CLIMB_MPS:
         return
-    side = 1 if innovation > 0.0 else -1
-    s.baro_clipped = s.baro_clipped + side if s.baro_clipped * side > 0 else side
-    if abs(s.baro_clipped) >= BARO_CLIPPED:
-        s.baro_clipped = 0
-        for i in range(FILTERS):
-            s.P[i, OFFSET, OFFSET] += innovation * innovation
+    gained_mps = 0.0 if math.isnan(s.up_mps2) else s.up_mps2 * late_s
+    R = p.gnss_climb_sd_mps * p.gnss_climb_sd_mps
+    sees_climb(s.H, late_s)
+    for i in range(CHANNELS):
+        if follows_gnss(i):
+            innovation = climb_mps + gained_mps - dot(s.H, s.x[i])
+            known = gather(s.P[i], s.H, s.K)
+            S = known + inflated(innovation, known + R, R, SOFT_SIGMA)
+            absorb(s.x[i], s.P[i], s.K, innovation, S)
+            if i < BANK:
+                s.evidence[i] -= 0.5 * (math.log(S) + innovation * innovation / S)
 
 
 @step
@@ -572,25 +508,37 @@ def on_status(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     if sample[0].reboot == 1:
         start(state, params)
         forget(estimate)
+    note_armed(state, sample[0].armed)
     return tally(state, STATUS, USED)
 
 
 @step
 def write_estimate(state: Rows, params: Rows, estimate: Rows) -> None:
+    """What the bank says, and what the copies say of it."""
     s, e = state[0], estimate[0]
     combine(state)
+    watch_takeoff(state)
     e.time_us = s.filter_us
     e.altitude_amsl_m = s.mean[HEIGHT]
     e.climb_mps = s.mean[CLIMB]
-    e.altitude_sd_m = math.sqrt(s.cov[HEIGHT, HEIGHT])
+    e.altitude_sd_m = spread_m(state)
     e.climb_sd_mps = math.sqrt(s.cov[CLIMB, CLIMB])
     e.baro_offset_m = -s.mean[OFFSET]
     e.baro_rate_mps = s.mean[RATE]
     e.baro_scale = s.mean[SCALE]
     e.gnss_offset_m = s.mean[GNSS_BIAS]
     e.innovation_m = s.innovation_m
+    e.height_above_takeoff_m = height_above_takeoff(state)
+    e.protection_level_m = protection_level_m(state, params)
+    if s.baro_seen == 1 and not is_blamed(state, BAROMETER):
+        e.qnh_pa = qnh_pa(s.baro_pa, s.mean[HEIGHT])
+        e.qnh_sd_pa = QNH_PA_PER_M * e.altitude_sd_m
+    else:
+        e.qnh_pa, e.qnh_sd_pa = math.nan, math.nan
     for i in range(BANK):
         e.drift_probabilities[i] = s.probability[i]
+    e.faulty = blamed_now(state)
+    e.faulty_since_us = s.blamed_us[e.faulty] if e.faulty > 0 else 0
 
 
 @step

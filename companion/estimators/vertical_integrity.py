@@ -1,0 +1,497 @@
+"""Which sensor is wrong, and how far the height could be off: solution separation and its rules.
+
+Copies of the channel run beside the bank and leave one sensor out (`vertical_mixture`). What follows when they part:
+
+==============================================================  ================================================
+what is seen                                                    what is concluded
+==============================================================  ================================================
+barometer: `ONSET_FAILS` of ten innovations beyond four sigma   the barometer is wrong
+on one side in the stiff copy, or their mean over two seconds
+beyond six of its own sigma, or the same value for ten of its
+own intervals while the vehicle moves
+four of five fixes beyond five sigma                            GNSS is wrong; but just after the barometer was
+                                                                blamed: two sensors contradict the IMU, so it is
+the bank parts from the copy without GNSS by five sigma, faster GNSS is wrong, and the bank goes back to that copy
+than weather can drift
+the same, slower                                                weather: the spread grows, nobody is blamed
+==============================================================  ================================================
+
+A sensor comes back by evidence: the barometer when it has followed the bank's motion for `STEADY_S` (its offset is
+then learned anew), GNSS when it has been near the height without it for as long (an absolute condition, or a lasting
+step would be accepted as soon as the spread has grown), the IMU after a while on trial.
+
+The copy without GNSS is two: seeded from the bank in turns, `SEED_S` apart, so that one of them always remembers
+a time before a slow fault.
+
+The variance of the separation of an optimal estimate and one from fewer data is the difference of their variances.
+"""
+
+import math
+from typing import Any
+
+from companion.estimators.vertical_channel import (
+    ACCEL,
+    CLIMB,
+    FAST,
+    GNSS_BIAS,
+    HEIGHT,
+    OFFSET,
+    RATE,
+    SCALE,
+    SIZE,
+    absorb,
+    dot,
+    duplicate,
+    gather,
+    sees_height,
+)
+from companion.estimators.vertical_mixture import (
+    BANK,
+    CHANNELS,
+    EARLIER,
+    LATER,
+    NO_BARO,
+    NO_IMU,
+    STIFF,
+    TAKEOFF,
+    combine,
+    expect_weather,
+)
+from companion.jit import step
+from companion.samples import Fault, Rows
+
+NOBODY, BAROMETER, GNSS_HEIGHT, INERTIAL = (int(fault) for fault in Fault)
+
+ONSET_SIGMA, ONSET_OF, ONSET_FAILS = 4.0, 10, 8
+ONSET_TIME_S, ONSET_MEAN_SIGMA = 2.0, 6.0
+CLIPPED_SIGMA = 3.0
+"""no single innovation moves the mean by more"""
+FROZEN_INTERVALS, FROZEN_REPEATS = 10.0, 9
+FROZEN_MOTION_M = 0.5
+INTERVAL_WEIGHT = 1.0 / 16.0
+FIX_SIGMA = 5.0
+FIXES, FAILED_FIXES = 5, 4
+STEADY_S = 5.0
+SMOOTHING_S = 1.0
+STEADY_BARO_M = 1.0
+STEADY_GNSS_M = 13.0
+"""under half of the 30 m step that must stay out, over four sigma of a healthy receiver"""
+RELEARNED_M2 = 1e4
+SEED_S = 50.0
+YOUNGEST_S = 30.0
+"""a copy this old has had time to part"""
+PARTED_SIGMA = 5.0
+PARTED_FLOOR_M2 = 0.25
+SLOPE_TIME_S = 10.0
+FASTEST_WEATHER_MPS = 0.7
+"""two hectopascals a minute are 0.28 m/s; the warmest ramp of a front at 3 km adds as much"""
+INFLATED_TIME_S = 100.0
+IMU_SUSPECT_US = 30_000_000
+IMU_PENALTY_US = 30_000_000
+STIFF_OFFSET_WALK = 0.01
+STIFF_REFERENCE_M = 0.1
+TAKEOFF_CLIMB_MPS, TAKEOFF_REST_MPS, TAKEOFF_S = 1.0, 0.5, 5.0
+TAKEOFF_SIGMA = 3.0
+
+
+def integrity_fields() -> tuple[tuple[Any, ...], ...]:
+    """The state fields of this component."""
+    return (
+        ("blamed_us", "i8", (len(Fault),)),  # since when, -1 healthy
+        ("baro_value_us", "i8"),  # since when the barometer repeats its value
+        ("baro_repeats", "i8"),
+        ("baro_interval_s", "f8"),  # between new values, smoothed; NaN unknown
+        ("baro_frozen", "i8"),
+        ("onset_above", "i8"),  # bits of the last innovations beyond the gate, newest lowest
+        ("onset_below", "i8"),
+        ("onset_mean", "f8"),
+        ("stiff_seeded", "i8"),
+        ("steady_us", "i8"),  # a blamed barometer follows the motion since, -1 not
+        ("steady_m", "f8"),
+        ("smooth_m", "f8"),
+        ("failed_fixes", "i8"),  # bits, newest lowest
+        ("near_us", "i8"),  # a blamed GNSS is near since, -1 not
+        ("seeded_us", "i8", (2,)),  # of the copies without GNSS, -1 never
+        ("separation_m", "f8"),  # bank less the older of them
+        ("separation_sd_m", "f8"),
+        ("separation_mean_m", "f8"),
+        ("separation_us", "i8"),
+        ("separation_from", "i8"),
+        ("excess_m", "f8"),  # of the separation over what is normal: nobody's fault, but somebody's error
+        ("takeoff_us", "i8"),  # -1 before
+        ("takeoff_climbing_us", "i8"),
+        ("takeoff_reference_m", "f8"),  # the bank's height then
+        ("takeoff_var_m2", "f8"),
+        ("takeoff_handed_over", "i8"),
+        ("armed", "i8"),
+    )
+
+
+@step
+def integrity_start(state: Rows, params: Rows) -> None:
+    """Nobody is blamed."""
+    s = state[0]
+    for i in range(s.blamed_us.size):
+        s.blamed_us[i] = -1
+    s.baro_value_us, s.baro_repeats, s.baro_interval_s, s.baro_frozen = -1, 0, math.nan, 0
+    s.onset_above, s.onset_below, s.onset_mean, s.stiff_seeded = 0, 0, 0.0, 0
+    s.steady_us, s.steady_m, s.smooth_m = -1, 0.0, 0.0
+    s.failed_fixes, s.near_us = 0, -1
+    s.seeded_us[0], s.seeded_us[1] = -1, -1
+    s.separation_m, s.separation_sd_m, s.separation_mean_m = math.nan, math.nan, 0.0
+    s.separation_us, s.separation_from = -1, -1
+    s.excess_m = 0.0
+    s.takeoff_us, s.takeoff_climbing_us, s.takeoff_handed_over = -1, -1, 0
+    s.takeoff_reference_m, s.takeoff_var_m2 = math.nan, math.nan
+    s.armed = -1
+    expect_weather(state, params, NO_IMU, params[0].rate_sd_mps[1])
+    s.P[NO_IMU, RATE, RATE] = s.steady[NO_IMU, RATE]
+    s.P[NO_IMU, FAST, FAST] = s.steady[NO_IMU, FAST]
+
+
+@step
+def is_blamed(state: Rows, fault: int) -> bool:
+    """Whether a sensor is held to be wrong now."""
+    return state[0].blamed_us[fault] >= 0
+
+
+@step
+def blame(state: Rows, fault: int) -> None:
+    """From now on a sensor is wrong."""
+    s = state[0]
+    s.blamed_us[fault] = s.filter_us
+    s.steady_us, s.near_us = -1, -1
+    s.failed_fixes = 0
+    if fault == BAROMETER:
+        s.stiff_seeded = 0
+        hand_over(state)
+
+
+@step
+def blamed_now(state: Rows) -> int:
+    """The sensor that has been wrong for longest, `Fault.NONE` if all are well."""
+    s, found = state[0], NOBODY
+    for fault in range(1, s.blamed_us.size):
+        earlier = found == NOBODY or s.blamed_us[fault] < s.blamed_us[found]
+        if s.blamed_us[fault] >= 0 and earlier:
+            found = fault
+    return found
+
+
+# Barometer
+
+
+@step
+def note_interval(state: Rows, time_us: int) -> None:
+    """A new value came: how long the last one was repeated."""
+    s = state[0]
+    if s.baro_value_us >= 0 and s.baro_frozen == 0:
+        interval_s = (time_us - s.baro_value_us) * 1e-6
+        if math.isnan(s.baro_interval_s):
+            s.baro_interval_s = interval_s
+        s.baro_interval_s += INTERVAL_WEIGHT * (min(interval_s, 3.0 * s.baro_interval_s) - s.baro_interval_s)
+    s.baro_value_us, s.baro_repeats, s.baro_frozen = time_us, 0, 0
+
+
+@step
+def note_repeat(state: Rows, time_us: int, moved_m: float) -> None:
+    """The same value again: frozen, if for ten of the sensor's own intervals, while the vehicle moved."""
+    s = state[0]
+    s.baro_repeats += 1
+    long = (time_us - s.baro_value_us) * 1e-6 >= FROZEN_INTERVALS * s.baro_interval_s
+    if long and s.baro_repeats >= FROZEN_REPEATS and abs(moved_m) > FROZEN_MOTION_M and not is_blamed(state, BAROMETER):
+        s.baro_frozen = 1
+        blame(state, BAROMETER)
+
+
+@step
+def seed_stiff(state: Rows, i: int, height_m: float, error_m: float) -> None:
+    """Channel `i` takes the bank's climb and accelerometer bias, and believes that the barometer reads the height
+    `height_m` too high by `error_m`, and goes on so."""
+    s = state[0]
+    combine(state)
+    duplicate(s.x[i], s.P[i], s.mean, s.cov)
+    for k in range(SIZE):
+        if k not in (CLIMB, ACCEL):
+            s.x[i, k] = 0.0
+            s.steady[i, k] = 0.0
+            for m in range(SIZE):
+                s.P[i, k, m] = 0.0
+                s.P[i, m, k] = 0.0
+    s.x[i, HEIGHT], s.x[i, OFFSET] = height_m, error_m
+    s.P[i, OFFSET, OFFSET] = STIFF_REFERENCE_M * STIFF_REFERENCE_M
+    s.walk[i, OFFSET] = STIFF_OFFSET_WALK * STIFF_OFFSET_WALK
+    s.walk[i, SCALE] = 0.0
+
+
+@step
+def watch_baro(state: Rows, baro_m: float, R: float) -> bool:
+    """Whether the barometer has just begun to be wrong, as the stiff copy sees it; that takes the measurement in."""
+    s = state[0]
+    if s.stiff_seeded == 0:
+        s.stiff_seeded = 1
+        s.onset_above, s.onset_below, s.onset_mean = 0, 0, 0.0
+        seed_stiff(state, STIFF, baro_m, 0.0)
+        s.P[STIFF, HEIGHT, HEIGHT] = R
+        return False
+    innovation = baro_m - dot(s.H, s.x[STIFF])
+    S = R + gather(s.P[STIFF], s.H, s.K)
+    normal = innovation / math.sqrt(S)
+    kept = (1 << ONSET_OF) - 1
+    s.onset_above = ((s.onset_above << 1) | (1 if normal > ONSET_SIGMA else 0)) & kept
+    s.onset_below = ((s.onset_below << 1) | (1 if normal < -ONSET_SIGMA else 0)) & kept
+    share = min(1.0, (0.0 if math.isnan(s.baro_interval_s) else s.baro_interval_s) / ONSET_TIME_S)
+    s.onset_mean += share * (max(-CLIPPED_SIGMA, min(CLIPPED_SIGMA, normal)) - s.onset_mean)
+    if abs(normal) <= ONSET_SIGMA:
+        absorb(s.x[STIFF], s.P[STIFF], s.K, innovation, S)
+    fails = max(bits(s.onset_above), bits(s.onset_below)) >= ONSET_FAILS
+    mean_sd = math.sqrt(share / (2.0 - share))
+    return fails or abs(s.onset_mean) > ONSET_MEAN_SIGMA * mean_sd > 0.0
+
+
+@step
+def bits(value: int) -> int:
+    """How many are set."""
+    count = 0
+    while value > 0:
+        count += value & 1
+        value >>= 1
+    return count
+
+
+@step
+def baro_comes_back(state: Rows, params: Rows, baro_m: float, white_m: float) -> bool:
+    """Whether a blamed barometer has followed the bank's motion for long enough; its offset is then learned anew."""
+    s = state[0]
+    now_m = baro_m - s.path_m
+    limit_m = STEADY_BARO_M + 0.5 * white_m + math.sqrt(s.cov[CLIMB, CLIMB])
+    jumped = abs(now_m - s.smooth_m) > 2.0 * STEADY_BARO_M + 4.0 * white_m
+    if s.steady_us < 0 or jumped or abs(s.smooth_m - s.steady_m) > limit_m:
+        s.steady_us, s.steady_m, s.smooth_m = s.filter_us, now_m, now_m
+        return False
+    share = min(1.0, (0.0 if math.isnan(s.baro_interval_s) else s.baro_interval_s) / SMOOTHING_S)
+    s.smooth_m += share * (now_m - s.smooth_m)
+    if (s.filter_us - s.steady_us) * 1e-6 < SMOOTHING_S:
+        s.steady_m = s.smooth_m
+    if (s.filter_us - s.steady_us) * 1e-6 < STEADY_S:
+        return False
+    s.blamed_us[BAROMETER] = -1
+    relearn_offset(state, RELEARNED_M2)
+    s.seeded_us[0], s.seeded_us[1] = -1, -1
+    return True
+
+
+@step
+def relearn_offset(state: Rows, variance_m2: float) -> None:
+    """The barometer has jumped: its offset is unknown in every channel that follows it."""
+    s = state[0]
+    for i in range(BANK):
+        s.P[i, OFFSET, OFFSET] += variance_m2
+    for i in (EARLIER, LATER, NO_IMU):
+        s.P[i, OFFSET, OFFSET] += variance_m2
+
+
+# GNSS
+
+
+@step
+def watch_fix(state: Rows, failed: bool) -> None:
+    """Count fixes beyond the gate, and blame for four of five."""
+    s = state[0]
+    s.failed_fixes = ((s.failed_fixes << 1) | (1 if failed else 0)) & ((1 << FIXES) - 1)
+    if bits(s.failed_fixes) < FAILED_FIXES or is_blamed(state, INERTIAL):
+        return
+    if not is_blamed(state, BAROMETER):
+        blame(state, GNSS_HEIGHT)
+    elif s.baro_frozen == 0 and s.filter_us - s.blamed_us[BAROMETER] < IMU_SUSPECT_US:
+        s.blamed_us[BAROMETER] = -1
+        blame(state, INERTIAL)
+        return_to(state, NO_IMU)
+
+
+@step
+def return_to(state: Rows, i: int) -> None:
+    """The bank goes back to a copy, each model with its own weather."""
+    s = state[0]
+    for j in range(BANK):
+        duplicate(s.x[j], s.P[j], s.x[i], s.P[i])
+
+
+@step
+def gnss_comes_back(state: Rows, away_m: float) -> bool:
+    """Whether a blamed GNSS has been near the height without it for long enough."""
+    s = state[0]
+    if abs(away_m) > max(STEADY_GNSS_M, 2.0 * math.sqrt(s.cov[HEIGHT, HEIGHT])):
+        s.near_us = -1
+        return False
+    if s.near_us < 0:
+        s.near_us = s.filter_us
+    if (s.filter_us - s.near_us) * 1e-6 < STEADY_S:
+        return False
+    s.blamed_us[GNSS_HEIGHT] = -1
+    s.failed_fixes = 0
+    s.seeded_us[0], s.seeded_us[1] = -1, -1
+    return True
+
+
+@step
+def separate(state: Rows, params: Rows) -> None:
+    """Hold the bank against its copy without GNSS, and seed the copies in turns. Call it after a fix, combined."""
+    s = state[0]
+    if is_blamed(state, BAROMETER) or is_blamed(state, GNSS_HEIGHT) or is_blamed(state, INERTIAL):
+        return
+    older = EARLIER if s.seeded_us[0] <= s.seeded_us[1] else LATER
+    age_s = (s.filter_us - s.seeded_us[older - EARLIER]) * 1e-6
+    elapsed_s = (s.filter_us - s.separation_us) * 1e-6
+    s.excess_m *= math.exp(-min(elapsed_s, INFLATED_TIME_S) / INFLATED_TIME_S)
+    s.separation_us = s.filter_us
+    if s.seeded_us[older - EARLIER] >= 0 and age_s >= YOUNGEST_S:
+        apart_m = s.mean[HEIGHT] - s.x[older, HEIGHT]
+        variance = max(0.0, s.P[older, HEIGHT, HEIGHT] - s.cov[HEIGHT, HEIGHT]) + PARTED_FLOOR_M2
+        s.separation_m, s.separation_sd_m = apart_m, math.sqrt(variance)
+        if s.separation_from != s.seeded_us[older - EARLIER]:
+            s.separation_from, s.separation_mean_m = s.seeded_us[older - EARLIER], apart_m
+        s.separation_mean_m += min(1.0, elapsed_s / SLOPE_TIME_S) * (apart_m - s.separation_mean_m)
+        slope_mps = (apart_m - s.separation_mean_m) / SLOPE_TIME_S
+        excess_m = abs(apart_m) - PARTED_SIGMA * s.separation_sd_m
+        if excess_m > 0.0 and abs(slope_mps) > FASTEST_WEATHER_MPS:
+            blame(state, GNSS_HEIGHT)
+            return_to(state, older)
+            return
+        s.excess_m = max(s.excess_m, excess_m)
+    youngest_us = max(s.seeded_us[0], s.seeded_us[1])
+    if youngest_us < 0 or (s.filter_us - youngest_us) * 1e-6 >= SEED_S:
+        seed_without_gnss(state, params, older)
+
+
+@step
+def seed_without_gnss(state: Rows, params: Rows, i: int) -> None:
+    """Copy `i` starts from the bank, in weather as the bank sees it."""
+    s, p = state[0], params[0]
+    duplicate(s.x[i], s.P[i], s.mean, s.cov)
+    variance = 0.0
+    for j in range(BANK):
+        variance += s.probability[j] * p.rate_sd_mps[j] * p.rate_sd_mps[j]
+    expect_weather(state, params, i, math.sqrt(variance))
+    s.steady[i, GNSS_BIAS] = s.steady[0, GNSS_BIAS]
+    s.seeded_us[i - EARLIER] = s.filter_us
+
+
+# Take-off
+
+
+@step
+def note_armed(state: Rows, armed: int) -> None:
+    """STATUS: a vehicle that is seen to arm stands where it will take off from."""
+    s = state[0]
+    if armed < 0:
+        return
+    if armed == 1 and s.armed == 0:
+        s.takeoff_us = -1
+        start_takeoff(state)
+    s.armed = armed
+
+
+@step
+def watch_takeoff(state: Rows) -> None:
+    """A vehicle that does not say that it arms takes off with its first climb of five seconds. Call it combined."""
+    s = state[0]
+    if s.takeoff_us >= 0 or is_blamed(state, BAROMETER) or s.stiff_seeded == 0:
+        return
+    if s.mean[CLIMB] < TAKEOFF_CLIMB_MPS:
+        s.takeoff_climbing_us = -1
+        if abs(s.mean[CLIMB]) < TAKEOFF_REST_MPS or math.isnan(s.takeoff_reference_m):
+            start_takeoff(state)
+            s.takeoff_us = -1
+        return
+    if math.isnan(s.takeoff_reference_m):
+        return
+    if s.takeoff_climbing_us < 0:
+        s.takeoff_climbing_us = s.filter_us
+    if (s.filter_us - s.takeoff_climbing_us) * 1e-6 >= TAKEOFF_S:
+        s.takeoff_us = s.takeoff_climbing_us
+
+
+@step
+def start_takeoff(state: Rows) -> None:
+    """Height above take-off counts from here."""
+    s = state[0]
+    if s.filter_us < 0 or s.baro_seen == 0:
+        return
+    combine(state)
+    error_m = s.mean[HEIGHT] + s.mean[OFFSET] + s.mean[FAST]
+    seed_stiff(state, TAKEOFF, 0.0, error_m)
+    s.takeoff_reference_m, s.takeoff_var_m2 = s.mean[HEIGHT], s.cov[HEIGHT, HEIGHT]
+    s.takeoff_us, s.takeoff_handed_over = s.filter_us, 0
+
+
+@step
+def hand_over(state: Rows) -> None:
+    """The barometer is wrong: from here the bank carries the height above take-off on."""
+    s = state[0]
+    if s.takeoff_us >= 0 and s.takeoff_handed_over == 0:
+        combine(state)
+        s.takeoff_handed_over = 1
+        s.takeoff_reference_m = s.mean[HEIGHT] - s.x[TAKEOFF, HEIGHT]
+
+
+@step
+def height_above_takeoff(state: Rows) -> float:
+    """From the stiff copy, until it contradicts the bank; NaN before. Call it combined."""
+    s = state[0]
+    if s.takeoff_us < 0:
+        return math.nan
+    bank_m, stiff_m = s.mean[HEIGHT] - s.takeoff_reference_m, s.x[TAKEOFF, HEIGHT]
+    if s.takeoff_handed_over == 0:
+        limit_m = TAKEOFF_SIGMA * math.sqrt(s.cov[HEIGHT, HEIGHT] + s.takeoff_var_m2)
+        s.takeoff_handed_over = 1 if abs(bank_m - stiff_m) > limit_m else 0
+    return bank_m if s.takeoff_handed_over == 1 else stiff_m
+
+
+@step
+def follows_baro(i: int) -> bool:
+    """Whether a channel takes barometer heights with the bank."""
+    return i not in (NO_BARO, STIFF)
+
+
+@step
+def follows_gnss(i: int) -> bool:
+    """Whether a channel takes fixes with the bank."""
+    return i < BANK or i in (NO_BARO, NO_IMU)
+
+
+@step
+def spread_m(state: Rows) -> float:
+    """Spread of the bank's height, with what nobody is blamed for. Call it combined."""
+    s = state[0]
+    return math.sqrt(s.cov[HEIGHT, HEIGHT] + s.excess_m * s.excess_m)
+
+
+@step
+def protection_level_m(state: Rows, params: Rows) -> float:
+    """Height error that is exceeded at the integrity risk of the settings. Call it combined.
+
+    Without a fault it is `protection_sigma` of the spread; with one that nobody has seen, what the copy without that
+    sensor says, with `fault_sigma` of its own spread: NaN where a fault is rarer than the risk allowed.
+    """
+    s, p = state[0], params[0]
+    level_m = p.protection_sigma * spread_m(state)
+    if math.isnan(p.fault_sigma):
+        return level_m
+    older = EARLIER if s.seeded_us[0] <= s.seeded_us[1] else LATER
+    for i in range(BANK, CHANNELS):
+        seeded = i not in (EARLIER, LATER) or (i == older and s.seeded_us[i - EARLIER] >= 0)
+        if i in (STIFF, TAKEOFF) or not seeded:
+            continue
+        apart_m = abs(s.mean[HEIGHT] - s.x[i, HEIGHT])
+        level_m = max(level_m, apart_m + p.fault_sigma * math.sqrt(s.P[i, HEIGHT, HEIGHT]))
+    return level_m
+
+
+@step
+def sees_baro(state: Rows, late_s: float) -> None:
+    """The row of a barometer height."""
+    s = state[0]
+    sees_height(s.H, late_s)
+    s.H[OFFSET] = 1.0
+    s.H[FAST] = 1.0

@@ -10,6 +10,7 @@ import hashlib
 import logging
 import os
 import platform
+import re
 import shutil
 import tempfile
 from collections.abc import Callable
@@ -23,6 +24,7 @@ logger = logging.getLogger("kollsman.jit")
 
 KEPT_CACHES = 4
 MARK = b"from companion.jit import step"
+_OURS = re.compile("[0-9a-f]{16}")
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -56,15 +58,15 @@ def cache_directory() -> Path:
     name = source_hash()
     for candidate in candidates:
         directory = candidate / name
-        if directory.is_dir() and any(directory.iterdir()) and not os.access(directory, os.W_OK):
-            return _temporary(directory)  # Numba uses no cache that it cannot write
         try:
+            if directory.is_dir() and any(directory.iterdir()) and not os.access(directory, os.W_OK):
+                return _temporary(directory)  # Numba uses no cache that it cannot write
             directory.mkdir(parents=True, exist_ok=True)
-        except OSError:
+            if os.access(directory, os.W_OK):
+                _forget_old(candidate, keep=directory)
+                return directory
+        except OSError:  # a home of somebody else's, a file in the way
             continue
-        if os.access(directory, os.W_OK):
-            _forget_old(candidate, keep=directory)
-            return directory
     logger.info("no writable cache folder; compiling into a temporary one")
     return _temporary()
 
@@ -79,8 +81,8 @@ def _temporary(warm: Path | None = None) -> Path:
 
 
 def _forget_old(folder: Path, keep: Path) -> None:
-    """Leave the newest few caches: every edit of the source and every upgrade makes a new one."""
-    others = (path for path in folder.iterdir() if path.is_dir() and path != keep)
+    """Leave the newest few caches: every edit of the source and every upgrade makes a new one. Others' folders stay."""
+    others = (path for path in folder.iterdir() if _OURS.fullmatch(path.name) and path.is_dir() and path != keep)
     for path in sorted(others, key=lambda path: path.stat().st_mtime, reverse=True)[KEPT_CACHES:]:
         shutil.rmtree(path, ignore_errors=True)
 

@@ -118,7 +118,9 @@ def test_it_describes_itself(method: Method) -> None:
     assert method.uses & {Kind.PRESSURE, Kind.GNSS}
     assert Kind.STATUS in method.uses, "a reboot must start it anew"
     assert method.settings().params().size == 1  # type: ignore[attr-defined]
-    assert {"now_us", "last_us", "verdicts"} <= set(method.state.names or ())
+    names = set(method.state.names or ())
+    assert {"now_us", "last_us", "verdicts"} <= names
+    assert not names & set(dir(np.record)), "uncompiled, such a field is a method of the record"
 
 
 def test_it_knows_nothing_at_first(method: Method) -> None:

@@ -57,6 +57,12 @@ Examples:
   kollsman compare flight.tlog --plot errors.png
 """
 
+TUNE_EXAMPLES = """\b
+Examples:
+  kollsman tune damping-loop flight.tlog
+  kollsman tune damping-loop flight.tlog --out gains.yaml && kollsman replay flight.tlog --config gains.yaml
+"""
+
 EstimatorOption = Annotated[str | None, typer.Option(help="In place of the configuration's.", metavar="NAME")]
 ConfigOption = Annotated[Path | None, typer.Option(help="A companion.yaml; every key is optional.", metavar="FILE")]
 
@@ -200,6 +206,40 @@ def compare(
     _print_comparison(found)
     if plot:
         print(f"wrote {plot}")
+
+
+@app.command(epilog=TUNE_EXAMPLES)
+def tune(
+    estimator: Annotated[str, typer.Argument(help="damping-loop is the one that has gains to find.")],
+    log: Annotated[Path, typer.Argument(help="A recorded log (.tlog) with an IMU of 10 Hz or more.")],
+    *,
+    config: ConfigOption = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of the random search.")] = 0,
+    generations: Annotated[int, typer.Option(min=1, max=10_000, help="How long it searches.")] = 60,
+    out: Annotated[Path | None, typer.Option(help="Write the configuration there.", metavar="GAINS.yaml")] = None,
+) -> None:
+    """Find an estimator's gains from a flight, by the genetic algorithm of its paper."""
+    if estimator != "damping-loop":
+        raise ConfigError(f"{estimator!r} has no gains to find; damping-loop has")
+    _refuse_same(log, out)
+    _say_if_compiling()
+    settings = _settings(config, estimator)
+
+    from companion import tuning  # noqa: PLC0415
+    from companion.evaluation.samples import samples_of  # noqa: PLC0415
+
+    with _bar(log.name, 2.0) as advance:
+        samples = samples_of(log, settings, advance)
+        section = settings.section(estimator)
+        found = tuning.tune(samples, section, seed, generations, lambda share: advance(1.0 + share))
+    print(found.table())
+    print(f"\n{found.snippet()}", end="")
+    if out:
+        try:
+            out.write_text(found.snippet(), encoding="utf-8")
+        except OSError as error:
+            raise ConfigError(f"{out}: cannot be written: {error.strerror}") from None
+        print(f"\nwrote {out}")
 
 
 @app.command()

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.config import Settings
 from companion.errors import LogFormatError
 from companion.estimators import damping_loop
 from companion.estimators.baro_inertial import BARO_TIMEOUT_US, GATE_M, IMU_TIMEOUT_US, calibrated_m
@@ -246,14 +247,15 @@ def mean_square_slope(heights: Array, times_us: Array, windows: Array) -> float:
 class Flight:
     """What the gains are tried on: the course of a log, and GNSS's velocity or height along it.
 
-    Of `settings`, all but the gains matter: how the start is found, and the air's temperature there.
+    Of `settings`, those of the damping loop, all but the gains matter: how the start is found, the temperature there.
     """
 
-    def __init__(self, log: SampleLog, settings: DampingLoopSettings | None = None) -> None:
+    def __init__(self, log: SampleLog, settings: Settings | None = None) -> None:
         climbs_mps = log[Kind.GNSS]["climb_mps"]
         self.has_velocity = bool(np.isfinite(climbs_mps).sum() > 0.5 * climbs_mps.size)
         noted = climbs_mps if self.has_velocity else log[Kind.GNSS]["altitude_amsl_m"]
-        params, course = (settings or DampingLoopSettings()).params(), readable(np.zeros(len(log), COURSE))
+        params: Rows = (settings or DampingLoopSettings()).params()  # type: ignore[attr-defined]
+        course = readable(np.zeros(len(log), COURSE))
         state, estimate = damping_loop.init(params), rows(ESTIMATE)
         note_inputs(state, params, log.tables, estimate, course, np.ascontiguousarray(noted))
         self.course = _checked(course[_last_boot(log) :])
@@ -325,6 +327,27 @@ class Tuning:
         """Damping ratio of the least damped poles."""
         return damping(self.gains)
 
+    def table(self) -> str:
+        """The gains beside the paper's, and how they were found."""
+        source = "GNSS vertical velocity" if self.has_velocity else "slopes of GNSS height"
+        lines = [
+            f"against {source}; {self.found.evaluations} of {2**STRING_BITS} strings tried in "
+            f"{len(self.found.history) - 1} generations",
+            f"{'':14s}{'K1':>7s}{'K2':>8s}{'K3':>8s}{'cost (m/s)2':>13s}{'damping':>9s}  poles (1/s)",
+        ]
+        for name, gains, cost in (
+            ("found", self.gains, self.found.cost),
+            ("the paper's", PAPER_GAINS, self.paper_cost),
+        ):
+            values = "".join(f"{gain:8.4f}" for gain in gains)
+            shown = ", ".join(
+                f"{pole.real:.4f}{pole.imag:+.4f}i" if pole.imag else f"{pole.real:.4f}" for pole in loop_poles(gains)
+            )
+            lines.append(f"{name:13s}{values}{cost:13.5f}{damping(gains):9.3f}  {shown}")
+        if self.gains[2] == 0.0:
+            lines.append("K3 = 0: a bias of the accelerometer is not compensated")
+        return "\n".join(lines)
+
     def snippet(self) -> str:
         """Lines for companion.yaml."""
         values = "".join(f"    k{place}: {gain:.6g}\n" for place, gain in enumerate(self.gains, 1))
@@ -345,7 +368,7 @@ def damping(gains: Gains) -> float:
 
 def tune(
     log: SampleLog,
-    settings: DampingLoopSettings | None = None,
+    settings: Settings | None = None,
     seed: int = 0,
     generations: int = GENERATIONS,
     on_progress: Callable[[float], None] | None = None,

@@ -6,6 +6,8 @@ Adding one is a module with a `Method` at its end, and a line here.
 from companion.estimators import (
     adaptive_fusion,
     air_data_gnss,
+    baro_ins_kf,
+    damping_loop,
     robust_altimeter,
     vertical_bank,
 )
@@ -17,6 +19,8 @@ ESTIMATORS: dict[str, Method] = {
         adaptive_fusion.METHOD,
         air_data_gnss.METHOD,
         robust_altimeter.METHOD,
+        damping_loop.METHOD,
+        baro_ins_kf.METHOD,
         vertical_bank.METHOD,
     )
 }

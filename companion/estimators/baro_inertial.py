@@ -30,7 +30,7 @@ reported spread does. While the barometer is silent for five seconds the estimat
 """
 
 import math
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -115,7 +115,7 @@ class InputSettings(Settings):
     """height above mean sea level of the place of the start, where it is known; otherwise from GNSS"""
     start_fixes: int = Field(15, ge=1, le=MOST_START_FIXES)
     """how many credible GNSS heights the start is the median of"""
-    start_temperature_k: float | Literal["standard", "die"] = "standard"
+    start_temperature_k: Annotated[float, Field(gt=150, le=350)] | Literal["standard", "die"] = "standard"
     """air temperature at the start: a number, the standard atmosphere's, or the sensor die's less die_excess_k"""
     die_excess_k: float = Field(20.0, ge=0, le=60)
     """how much warmer the sensor is than the air"""

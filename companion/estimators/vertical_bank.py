@@ -395,7 +395,7 @@ def take_baro(state: Rows, baro_m: float, R: float) -> None:
     """Correct every channel that follows the barometer; the bank's weights move with the likelihood."""
     s = state[0]
     combine(state)
-    innovation = baro_m - dot(s.H, s.mean)
+    innovation = baro_m - dot(s.H, s.average)
     if innovation * innovation <= SOFT_SIGMA * SOFT_SIGMA * (gather(s.cov, s.H, s.K) + R):
         s.baro_clipped = 0
     else:
@@ -434,16 +434,15 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     sees_height(s.H, late_s)
     s.H[GNSS_BIAS] = 1.0
     combine(state)
-    s.innovation_m = fix_m - dot(s.H, s.mean)
+    s.innovation_m = fix_m - dot(s.H, s.average)
     far = s.innovation_m * s.innovation_m > FIX_SIGMA * FIX_SIGMA * (R + gather(s.cov, s.H, s.K))
     if is_blamed(state, GNSS_HEIGHT):
-        if not gnss_comes_back(state, s.innovation_m):
+        if not gnss_comes_back(state, s.innovation_m, R):
             verdict = GATED
     elif far and s.fix_seen == 0:
         relearn_offset(state, s.innovation_m * s.innovation_m)  # the barometer's datum is further off than its prior
-    else:
-        watch_fix(state, far)
-        verdict = GATED if far else USED
+    elif not watch_fix(state, far):
+        verdict = GATED
     if verdict == USED:
         s.fix_seen = 1
         take_fix(state, fix_m, R)
@@ -519,19 +518,19 @@ def write_estimate(state: Rows, params: Rows, estimate: Rows) -> None:
     combine(state)
     watch_takeoff(state)
     e.time_us = s.filter_us
-    e.altitude_amsl_m = s.mean[HEIGHT]
-    e.climb_mps = s.mean[CLIMB]
+    e.altitude_amsl_m = s.average[HEIGHT]
+    e.climb_mps = s.average[CLIMB]
     e.altitude_sd_m = spread_m(state)
     e.climb_sd_mps = math.sqrt(s.cov[CLIMB, CLIMB])
-    e.baro_offset_m = -s.mean[OFFSET]
-    e.baro_rate_mps = s.mean[RATE]
-    e.baro_scale = s.mean[SCALE]
-    e.gnss_offset_m = s.mean[GNSS_BIAS]
+    e.baro_offset_m = -s.average[OFFSET]
+    e.baro_rate_mps = s.average[RATE]
+    e.baro_scale = s.average[SCALE]
+    e.gnss_offset_m = s.average[GNSS_BIAS]
     e.innovation_m = s.innovation_m
     e.height_above_takeoff_m = height_above_takeoff(state)
     e.protection_level_m = protection_level_m(state, params)
     if s.baro_seen == 1 and not is_blamed(state, BAROMETER):
-        e.qnh_pa = qnh_pa(s.baro_pa, s.mean[HEIGHT])
+        e.qnh_pa = qnh_pa(s.baro_pa, s.average[HEIGHT])
         e.qnh_sd_pa = QNH_PA_PER_M * e.altitude_sd_m
     else:
         e.qnh_pa, e.qnh_sd_pa = math.nan, math.nan

@@ -14,6 +14,7 @@ four of five fixes beyond five sigma                            GNSS is wrong; b
 the bank parts from the copy without GNSS by five sigma, faster GNSS is wrong, and the bank goes back to that copy
 than weather can drift
 the same, slower                                                weather: the spread grows, nobody is blamed
+four of five fixes beyond, taking back what had parted          GNSS was wrong and is right again
 ==============================================================  ================================================
 
 A sensor comes back by evidence: the barometer when it has followed the bank's motion for `STEADY_S` (its offset is
@@ -76,6 +77,8 @@ SMOOTHING_S = 1.0
 STEADY_BARO_M = 1.0
 STEADY_GNSS_M = 13.0
 """under half of the 30 m step that must stay out, over four sigma of a healthy receiver"""
+JUMP_SIGMA = 4.0
+AWAY_WEIGHT = 0.2
 RELEARNED_M2 = 1e4
 SEED_S = 50.0
 YOUNGEST_S = 30.0
@@ -85,7 +88,8 @@ PARTED_FLOOR_M2 = 0.25
 SLOPE_TIME_S = 10.0
 FASTEST_WEATHER_MPS = 0.7
 """two hectopascals a minute are 0.28 m/s; the warmest ramp of a front at 3 km adds as much"""
-INFLATED_TIME_S = 100.0
+INFLATED_TIME_S = 200.0
+TAKEN_BACK_M = 3.0
 IMU_SUSPECT_US = 30_000_000
 IMU_PENALTY_US = 30_000_000
 STIFF_OFFSET_WALK = 0.01
@@ -111,6 +115,8 @@ def integrity_fields() -> tuple[tuple[Any, ...], ...]:
         ("smooth_m", "f8"),
         ("failed_fixes", "i8"),  # bits, newest lowest
         ("near_us", "i8"),  # a blamed GNSS is near since, -1 not
+        ("away_m", "f8"),  # how far it is from the bank, smoothed
+        ("jumps_m", "f8"),  # sum of its jumps, that of its fault included
         ("seeded_us", "i8", (2,)),  # of the copies without GNSS, -1 never
         ("separation_m", "f8"),  # bank less the older of them
         ("separation_sd_m", "f8"),
@@ -137,6 +143,7 @@ def integrity_start(state: Rows, params: Rows) -> None:
     s.onset_above, s.onset_below, s.onset_mean, s.stiff_seeded = 0, 0, 0.0, 0
     s.steady_us, s.steady_m, s.smooth_m = -1, 0.0, 0.0
     s.failed_fixes, s.near_us = 0, -1
+    s.away_m, s.jumps_m = math.nan, math.nan
     s.seeded_us[0], s.seeded_us[1] = -1, -1
     s.separation_m, s.separation_sd_m, s.separation_mean_m = math.nan, math.nan, 0.0
     s.separation_us, s.separation_from = -1, -1
@@ -162,6 +169,7 @@ def blame(state: Rows, fault: int) -> None:
     s.blamed_us[fault] = s.filter_us
     s.steady_us, s.near_us = -1, -1
     s.failed_fixes = 0
+    s.jumps_m = math.nan
     if fault == BAROMETER:
         s.stiff_seeded = 0
         hand_over(state)
@@ -210,7 +218,7 @@ def seed_stiff(state: Rows, i: int, height_m: float, error_m: float) -> None:
     `height_m` too high by `error_m`, and goes on so."""
     s = state[0]
     combine(state)
-    duplicate(s.x[i], s.P[i], s.mean, s.cov)
+    duplicate(s.x[i], s.P[i], s.average, s.cov)
     for k in range(SIZE):
         if k not in (CLIMB, ACCEL):
             s.x[i, k] = 0.0
@@ -295,18 +303,23 @@ def relearn_offset(state: Rows, variance_m2: float) -> None:
 
 
 @step
-def watch_fix(state: Rows, failed: bool) -> None:
-    """Count fixes beyond the gate, and blame for four of five."""
+def watch_fix(state: Rows, failed: bool) -> bool:
+    """Count fixes beyond the gate, and blame for four of five; whether this fix may be taken."""
     s = state[0]
     s.failed_fixes = ((s.failed_fixes << 1) | (1 if failed else 0)) & ((1 << FIXES) - 1)
     if bits(s.failed_fixes) < FAILED_FIXES or is_blamed(state, INERTIAL):
-        return
+        return not failed
+    if abs(s.excess_m) > TAKEN_BACK_M and s.excess_m * s.innovation_m < 0.0:
+        s.failed_fixes, s.excess_m = 0, 0.0
+        reopen(state, s.innovation_m)
+        return True
     if not is_blamed(state, BAROMETER):
         blame(state, GNSS_HEIGHT)
     elif s.baro_frozen == 0 and s.filter_us - s.blamed_us[BAROMETER] < IMU_SUSPECT_US:
         s.blamed_us[BAROMETER] = -1
         blame(state, INERTIAL)
         return_to(state, NO_IMU)
+    return False
 
 
 @step
@@ -318,10 +331,23 @@ def return_to(state: Rows, i: int) -> None:
 
 
 @step
-def gnss_comes_back(state: Rows, away_m: float) -> bool:
-    """Whether a blamed GNSS has been near the height without it for long enough."""
+def gnss_comes_back(state: Rows, away_m: float, R: float) -> bool:
+    """Whether a blamed GNSS has been near the height without it for long enough, or its jumps have cancelled.
+
+    What parts slowly while GNSS is left out may be the weather under the barometer. So the jumps of the fixes against
+    the bank are added up: a fault that came with one has gone when another takes it back.
+    """
     s = state[0]
-    if abs(away_m) > max(STEADY_GNSS_M, 2.0 * math.sqrt(s.cov[HEIGHT, HEIGHT])):
+    if math.isnan(s.jumps_m):
+        s.jumps_m, s.away_m = away_m, away_m
+    change_m = away_m - s.away_m
+    if abs(change_m) > JUMP_SIGMA * math.sqrt(R):
+        s.jumps_m += change_m
+        s.away_m = away_m
+        s.near_us = -1
+    s.away_m += AWAY_WEIGHT * (away_m - s.away_m)
+    limit_m = max(STEADY_GNSS_M, 2.0 * math.sqrt(s.cov[HEIGHT, HEIGHT]))
+    if abs(away_m) > limit_m and abs(s.jumps_m) > STEADY_GNSS_M:
         s.near_us = -1
         return False
     if s.near_us < 0:
@@ -330,8 +356,26 @@ def gnss_comes_back(state: Rows, away_m: float) -> bool:
         return False
     s.blamed_us[GNSS_HEIGHT] = -1
     s.failed_fixes = 0
-    s.seeded_us[0], s.seeded_us[1] = -1, -1
+    reopen(state, s.away_m)
     return True
+
+
+@step
+def reopen(state: Rows, away_m: float) -> None:
+    """The height has drifted this far, and the offset with it, since what the barometer reads stays explained.
+    """
+    s = state[0]
+    variance_m2 = away_m * away_m
+    s.seeded_us[0], s.seeded_us[1] = -1, -1
+    for i in range(CHANNELS):
+        if not follows_gnss(i):
+            continue
+        s.P[i, HEIGHT, HEIGHT] += variance_m2
+        if follows_baro(i):
+            s.P[i, OFFSET, OFFSET] += variance_m2
+            s.P[i, HEIGHT, OFFSET] -= variance_m2
+            s.P[i, OFFSET, HEIGHT] -= variance_m2
+            s.P[i, RATE, RATE] += s.steady[i, RATE]
 
 
 @step
@@ -346,7 +390,7 @@ def separate(state: Rows, params: Rows) -> None:
     s.excess_m *= math.exp(-min(elapsed_s, INFLATED_TIME_S) / INFLATED_TIME_S)
     s.separation_us = s.filter_us
     if s.seeded_us[older - EARLIER] >= 0 and age_s >= YOUNGEST_S:
-        apart_m = s.mean[HEIGHT] - s.x[older, HEIGHT]
+        apart_m = s.average[HEIGHT] - s.x[older, HEIGHT]
         variance = max(0.0, s.P[older, HEIGHT, HEIGHT] - s.cov[HEIGHT, HEIGHT]) + PARTED_FLOOR_M2
         s.separation_m, s.separation_sd_m = apart_m, math.sqrt(variance)
         if s.separation_from != s.seeded_us[older - EARLIER]:
@@ -358,7 +402,8 @@ def separate(state: Rows, params: Rows) -> None:
             blame(state, GNSS_HEIGHT)
             return_to(state, older)
             return
-        s.excess_m = max(s.excess_m, excess_m)
+        if excess_m > abs(s.excess_m):
+            s.excess_m = math.copysign(excess_m, apart_m)
     youngest_us = max(s.seeded_us[0], s.seeded_us[1])
     if youngest_us < 0 or (s.filter_us - youngest_us) * 1e-6 >= SEED_S:
         seed_without_gnss(state, params, older)
@@ -368,7 +413,7 @@ def separate(state: Rows, params: Rows) -> None:
 def seed_without_gnss(state: Rows, params: Rows, i: int) -> None:
     """Copy `i` starts from the bank, in weather as the bank sees it."""
     s, p = state[0], params[0]
-    duplicate(s.x[i], s.P[i], s.mean, s.cov)
+    duplicate(s.x[i], s.P[i], s.average, s.cov)
     variance = 0.0
     for j in range(BANK):
         variance += s.probability[j] * p.rate_sd_mps[j] * p.rate_sd_mps[j]
@@ -398,9 +443,9 @@ def watch_takeoff(state: Rows) -> None:
     s = state[0]
     if s.takeoff_us >= 0 or is_blamed(state, BAROMETER) or s.stiff_seeded == 0:
         return
-    if s.mean[CLIMB] < TAKEOFF_CLIMB_MPS:
+    if s.average[CLIMB] < TAKEOFF_CLIMB_MPS:
         s.takeoff_climbing_us = -1
-        if abs(s.mean[CLIMB]) < TAKEOFF_REST_MPS or math.isnan(s.takeoff_reference_m):
+        if abs(s.average[CLIMB]) < TAKEOFF_REST_MPS or math.isnan(s.takeoff_reference_m):
             start_takeoff(state)
             s.takeoff_us = -1
         return
@@ -419,9 +464,9 @@ def start_takeoff(state: Rows) -> None:
     if s.filter_us < 0 or s.baro_seen == 0:
         return
     combine(state)
-    error_m = s.mean[HEIGHT] + s.mean[OFFSET] + s.mean[FAST]
+    error_m = s.average[HEIGHT] + s.average[OFFSET] + s.average[FAST]
     seed_stiff(state, TAKEOFF, 0.0, error_m)
-    s.takeoff_reference_m, s.takeoff_var_m2 = s.mean[HEIGHT], s.cov[HEIGHT, HEIGHT]
+    s.takeoff_reference_m, s.takeoff_var_m2 = s.average[HEIGHT], s.cov[HEIGHT, HEIGHT]
     s.takeoff_us, s.takeoff_handed_over = s.filter_us, 0
 
 
@@ -432,7 +477,7 @@ def hand_over(state: Rows) -> None:
     if s.takeoff_us >= 0 and s.takeoff_handed_over == 0:
         combine(state)
         s.takeoff_handed_over = 1
-        s.takeoff_reference_m = s.mean[HEIGHT] - s.x[TAKEOFF, HEIGHT]
+        s.takeoff_reference_m = s.average[HEIGHT] - s.x[TAKEOFF, HEIGHT]
 
 
 @step
@@ -441,7 +486,7 @@ def height_above_takeoff(state: Rows) -> float:
     s = state[0]
     if s.takeoff_us < 0:
         return math.nan
-    bank_m, stiff_m = s.mean[HEIGHT] - s.takeoff_reference_m, s.x[TAKEOFF, HEIGHT]
+    bank_m, stiff_m = s.average[HEIGHT] - s.takeoff_reference_m, s.x[TAKEOFF, HEIGHT]
     if s.takeoff_handed_over == 0:
         limit_m = TAKEOFF_SIGMA * math.sqrt(s.cov[HEIGHT, HEIGHT] + s.takeoff_var_m2)
         s.takeoff_handed_over = 1 if abs(bank_m - stiff_m) > limit_m else 0
@@ -480,10 +525,12 @@ def protection_level_m(state: Rows, params: Rows) -> float:
         return level_m
     older = EARLIER if s.seeded_us[0] <= s.seeded_us[1] else LATER
     for i in range(BANK, CHANNELS):
-        seeded = i not in (EARLIER, LATER) or (i == older and s.seeded_us[i - EARLIER] >= 0)
-        if i in (STIFF, TAKEOFF) or not seeded:
+        without_gnss = i in (EARLIER, LATER)
+        if i in (STIFF, TAKEOFF) or (i == NO_BARO and is_blamed(state, GNSS_HEIGHT)):
             continue
-        apart_m = abs(s.mean[HEIGHT] - s.x[i, HEIGHT])
+        if without_gnss and (i != older or s.seeded_us[i - EARLIER] < 0 or is_blamed(state, BAROMETER)):
+            continue
+        apart_m = abs(s.average[HEIGHT] - s.x[i, HEIGHT])
         level_m = max(level_m, apart_m + p.fault_sigma * math.sqrt(s.P[i, HEIGHT, HEIGHT]))
     return level_m
 

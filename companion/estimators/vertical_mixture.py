@@ -59,7 +59,7 @@ def mixture_fields() -> tuple[tuple[Any, ...], ...]:
         ("probability", "f8", (BANK,)),  # of both
         ("mixed_x", "f8", (BANK, SIZE)),
         ("mixed_P", "f8", (BANK, SIZE, SIZE)),
-        ("mean", "f8", (SIZE,)),  # of the bank
+        ("average", "f8", (SIZE,)),  # of the bank
         ("cov", "f8", (SIZE, SIZE)),
         ("keep", "f8", (SIZE,)),
         ("H", "f8", (SIZE,)),
@@ -204,14 +204,14 @@ def combine(state: Rows) -> None:
     s = state[0]
     weigh(state)
     for k in range(SIZE):
-        s.mean[k] = 0.0
+        s.average[k] = 0.0
         for i in range(BANK):
-            s.mean[k] += s.probability[i] * s.x[i, k]
+            s.average[k] += s.probability[i] * s.x[i, k]
     for k in range(SIZE):
         for m in range(k, SIZE):
             total = 0.0
             for i in range(BANK):
-                apart = (s.x[i, k] - s.mean[k]) * (s.x[i, m] - s.mean[m])
+                apart = (s.x[i, k] - s.average[k]) * (s.x[i, m] - s.average[m])
                 total += s.probability[i] * (s.P[i, k, m] + apart)
             s.cov[k, m] = total
             s.cov[m, k] = total

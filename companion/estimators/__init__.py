@@ -6,6 +6,7 @@ Adding one is a module with a `Method` at its end, and a line here.
 from companion.estimators import (
     adaptive_fusion,
     air_data_gnss,
+    baro_gnss_ins,
     baro_ins_kf,
     damping_loop,
     robust_altimeter,
@@ -19,6 +20,7 @@ ESTIMATORS: dict[str, Method] = {
         adaptive_fusion.METHOD,
         air_data_gnss.METHOD,
         robust_altimeter.METHOD,
+        baro_gnss_ins.METHOD,
         damping_loop.METHOD,
         baro_ins_kf.METHOD,
         vertical_bank.METHOD,

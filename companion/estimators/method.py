@@ -193,10 +193,13 @@ class Method:
     """after a lasting step of the barometer the altitude comes back to GNSS: the step is learned, not kept"""
     version: int = 1
     """of the state's meaning; a checkpoint of another version is refused"""
+    optional: frozenset[Kind] = frozenset()
+    """kinds with a step that are IGNORED unless the settings ask for them"""
 
     @property
     def uses(self) -> frozenset[Kind]:
-        return frozenset(self.steps)
+        """The kinds that it uses as it comes."""
+        return frozenset(self.steps) - self.optional
 
 
 class Filter:

@@ -9,7 +9,7 @@ Data path, in lockstep (`flight.Flight`)::
                                        commands, ALTITUDE --'
 
 Units, frames and names are those of `companion.__init__`. Two borders translate: ``aircraft.py`` (JSBSim's feet and
-slugs) and ``telemetry.py`` (MAVLink's integers).
+slugs) and ``telemetry.py`` with ``px4.py`` (MAVLink's integers).
 
 Time
 ----
@@ -25,6 +25,10 @@ Modules
 ``sensors``         barometer, GNSS receiver, IMU: one random stream each
 ``estimate``        the vehicle's own position estimate (GLOBAL_POSITION_INT), barometric as EKF3's
 ``telemetry``       messages out of the vehicle's state
+``px4``             those of PX4
+``flavours``        whose autopilot it looks like: messages, parameters, answers
+``parameters``      tables of parameters, and what a PARAM_SET does
+``routing``         what goes on from one link to others
 ``frames``          fast MAVLink 2 packing
 ``profile``         the legs of a flight, and the sequence that makes targets of them
 ``ports``           one a link or log: what it is sent, how often, and how much it was

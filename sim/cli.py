@@ -41,6 +41,8 @@ Examples:
     kollsman-sim fly short-hop --tlog hop.tlog
   In real time to a ground station or the companion:
     kollsman-sim fly weather-change --link udpout:127.0.0.1:14550
+  As PX4, the companion on one link and a ground station on another:
+    kollsman-sim fly weather-change --flavour px4 --link udpout:127.0.0.1:14540 --link udpout:127.0.0.1:14550
   Twenty times as fast, to whoever connects, and to a log:
     kollsman-sim fly weather-change --link tcpin:0.0.0.0:5760 --speed 20 --tlog flight.tlog
   Your own scenario, another dice:
@@ -105,6 +107,9 @@ def fly(
     all_streams: Annotated[
         bool, typer.Option("--all-streams", help="Links get the log's rates unasked, instead of ArduPlane's 1 Hz.")
     ] = False,
+    flavour: Annotated[
+        str, typer.Option(help="ardupilot, px4 or generic. Default: the scenario's.", metavar="AUTOPILOT")
+    ] = "",
 ) -> None:
     """Fly one scenario to a link, a log, or both."""
     links = link or []
@@ -113,16 +118,20 @@ def fly(
     pace = _speed(speed or ("1" if links else "max"))
 
     from companion.links import open_link  # noqa: PLC0415
+    from sim.flavours import FLAVOURS  # noqa: PLC0415
     from sim.flight import Flight  # noqa: PLC0415
     from sim.scenario import load_scenario  # noqa: PLC0415
 
+    if flavour and flavour not in FLAVOURS:
+        raise _usage(f"--flavour '{flavour}' is none of {', '.join(FLAVOURS)}")
+    face = FLAVOURS[flavour].name if flavour else None
     config = load_scenario(scenario)
     opened: list[Link] = []
     with ExitStack() as stack:
         for url in links:
             opened.append(open_link(url))
             stack.callback(opened[-1].close)
-        flight = Flight(config, links=opened, tlog=tlog, seed=seed, all_streams=all_streams, speed=pace)
+        flight = Flight(config, links=opened, tlog=tlog, seed=seed, all_streams=all_streams, speed=pace, flavour=face)
         summary = run_with_progress(flight)
     print_summary(summary, tlog, opened)
 
@@ -415,7 +424,8 @@ def _print_heard(summary: "Summary") -> None:
     if not heard.counts:
         print("heard: nothing")
         return
-    print(f"heard: {heard.counts.total()} messages, {summary.received_bytes / 1e6:.2f} MB")
+    onward = f", {summary.forwarded} of them sent on to another link" if summary.forwarded else ""
+    print(f"heard: {heard.counts.total()} messages, {summary.received_bytes / 1e6:.2f} MB{onward}")
     sources: dict[tuple[int, int], list[str]] = {}
     for (system_id, component_id, name), count in heard.counts.most_common():
         sources.setdefault((system_id, component_id), []).append(f"{name} {count}")

@@ -25,6 +25,7 @@ from sim.aircraft import Aircraft, Truth
 from sim.autopilot import UPDATE_HZ, Autopilot, Mode
 from sim.estimate import OwnEstimate
 from sim.faults.way import Way
+from sim.flavours import FLAVOURS, FlavourName
 from sim.ports import Port
 from sim.profile import Profile
 from sim.scenario import Scenario
@@ -67,6 +68,8 @@ class Summary:
     """messages by name, over all ports"""
     sent_bytes: int
     dropped: int
+    forwarded: int
+    """frames of others that went on to another link"""
     received_bytes: int
     heard: Heard
 
@@ -87,7 +90,9 @@ class Flight:
     seed
         In place of the scenario's.
     all_streams
-        Links get the log's rates instead of ArduPlane's 1 Hz.
+        Links get the log's rates instead of the flavour's own (ArduPlane's 1 Hz).
+    flavour
+        Whose autopilot the vehicle looks like, in place of the scenario's.
     speed
         Simulated seconds a real one; None is as fast as possible.
     """
@@ -102,6 +107,7 @@ class Flight:
         all_streams: bool = False,
         speed: float | None = None,
         clock: Clock | None = None,
+        flavour: FlavourName | None = None,
     ) -> None:
         self.scenario = scenario
         self.time_us = 0
@@ -115,15 +121,20 @@ class Flight:
         self._start_aircraft(seed)
         self._start_sensors(seed)
         self._writer = TlogWriter(tlog) if tlog is not None else None
+        face = FLAVOURS[flavour or scenario.flavour]
         self.vehicle = Vehicle(
-            OwnEstimate(scenario.sensors.estimate, seed, MOTION_US * 1e-6), self._record if self._writer else None
+            OwnEstimate(scenario.sensors.estimate, seed, MOTION_US * 1e-6),
+            self._record if self._writer else None,
+            face,
         )
         rates_hz = scenario.streams_hz if all_streams else {}
-        self._links = [(link, Port(link.url, self._way(link), rates_hz, full=all_streams)) for link in links]
+        self._links = [
+            (link, Port(link.url, self._way(link), rates_hz, full=all_streams, flavour=face)) for link in links
+        ]
         for _, port in self._links:
             self.vehicle.add_port(port)
         if self._writer is not None:
-            self.vehicle.add_port(Port(str(tlog), self._way(None), scenario.streams_hz, full=True))
+            self.vehicle.add_port(Port(str(tlog), self._way(None), scenario.streams_hz, full=True, flavour=face))
 
     def _start_aircraft(self, seed: int) -> None:
         scenario, runway = self.scenario, self.scenario.runway
@@ -285,6 +296,7 @@ class Flight:
             sent=sent,
             sent_bytes=sum(port.sent_bytes for port in ports),
             dropped=sum(port.dropped for port in ports),
+            forwarded=sum(port.forwarded for port in ports),
             received_bytes=self._received_bytes,
             heard=self.vehicle.heard,
         )

@@ -23,9 +23,8 @@ class Packer:
         self.message_id: int = kind.id
         self._pack = kind.unpacker.pack
         self._extra = bytes([kind.crc_extra])
-        lengths = [kind.array_lengths[order] for order in map(kind.fieldnames.index, kind.ordered_fieldnames)]
         types = [kind.fieldtypes[order] for order in map(kind.fieldnames.index, kind.ordered_fieldnames)]
-        self._fields = list(zip(kind.ordered_fieldnames, types, lengths, strict=True))
+        self._fields = list(zip(kind.ordered_fieldnames, types, kind.array_lengths, strict=True))
 
     def wire(self, *values: Any) -> bytes:
         """The payload of values in the order of the wire (see ``ordered_fieldnames``), without its trailing zeros."""

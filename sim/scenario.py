@@ -10,6 +10,7 @@ from companion.config import Settings, load
 from companion.errors import SimulationError
 from sim.estimate import EstimateConfig
 from sim.faults import AnyFault
+from sim.flavours import FLAVOURS, FlavourName
 from sim.ports import check_rates
 from sim.profile import Leg
 from sim.sensors.barometer import BarometerConfig
@@ -46,6 +47,8 @@ class Scenario(Settings):
     expected: str = ""
     """what the flight should show"""
     aircraft: str = "c172p"
+    flavour: FlavourName = "ardupilot"
+    """whose autopilot it looks like to MAVLink clients"""
     seed: Annotated[int, Field(ge=0, le=2**31 - 1)] = 1
     limit_s: Annotated[float, Field(gt=0.0, le=200_000.0)] = 7200.0
     """a flight that lasts longer has gone wrong"""
@@ -60,7 +63,7 @@ class Scenario(Settings):
 
     @model_validator(mode="after")
     def _can_be_flown(self) -> "Scenario":
-        check_rates(self.streams_hz)
+        check_rates(self.streams_hz, FLAVOURS[self.flavour])
         legs = [leg.leg for leg in self.profile]
         if "take_off" in legs:
             first = legs.index("take_off")

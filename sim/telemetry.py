@@ -1,12 +1,14 @@
-"""The messages a simulated vehicle streams: one table, `TELEMETRY`, drives streams, default rates and commands.
+"""The messages a simulated vehicle streams: one table a flavour drives streams, default rates and commands.
 
-Integers and units are ArduPilot's, as measured: RAW_IMU in mG and mrad/s truncated as its C casts do, GPS_RAW_INT in
-whole milliseconds and with 65535 for unknown, SCALED_PRESSURE stamped when sent, SIM_STATE without any time.
+Here are what all flavours share, and `TELEMETRY`, ArduPilot's table (PX4's is in ``px4.py``, the choice of one in
+``flavours.py``). Integers and units are ArduPilot's, as measured: RAW_IMU in mG and mrad/s truncated as its C casts do,
+GPS_RAW_INT in whole milliseconds and with 65535 for unknown, SCALED_PRESSURE stamped when sent, SIM_STATE without any
+time.
 """
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 from sim import BOOT_UNIX_US
@@ -41,6 +43,11 @@ class State:
     fix: Fix | None = None
     position: Position | None = None
     home: Position | None = None
+    origin: Position | None = None
+    """where the vehicle's own estimate began"""
+    ground_pressure_pa: float = math.nan
+    """the first reading: what the barometer was calibrated to at boot"""
+    parameters: Mapping[str, float] = field(default_factory=dict)
 
 
 class Fresh(Enum):
@@ -50,6 +57,8 @@ class Fresh(Enum):
     """no such thing: what is known is sent whenever its time has come"""
     MOTION = 1
     FIX = 2
+    IMU = 3
+    PRESSURE = 4
 
 
 @dataclass(frozen=True)
@@ -60,7 +69,7 @@ class Telemetry:
     payload: Callable[[State], bytes | None]
     """None while there is nothing to send"""
     default_hz: float
-    """on a link that has asked for nothing: ArduPlane's 1 Hz"""
+    """on a link that has asked for nothing: ArduPlane's 1 Hz; 0 for what is only sent when asked for"""
     full_hz: float
     """to a log, and with --all-streams"""
     group: int = -1
@@ -86,15 +95,15 @@ def raw_imu(state: State) -> bytes | None:
         return None
     force, rate = sample.specific_force_b_mps2, sample.angular_rate_b_radps
     to_mg = 1000.0 / G0_MPS2
-    mag = _field_b(truth)
+    mag = field_b_mgauss(truth)
     return _RAW_IMU.wire(
         state.time_us,
-        _int16(force[0] * to_mg),
-        _int16(force[1] * to_mg),
-        _int16(force[2] * to_mg),
-        _int16(rate[0] * 1000.0),
-        _int16(rate[1] * 1000.0),
-        _int16(rate[2] * 1000.0),
+        int16(force[0] * to_mg),
+        int16(force[1] * to_mg),
+        int16(force[2] * to_mg),
+        int16(rate[0] * 1000.0),
+        int16(rate[1] * 1000.0),
+        int16(rate[2] * 1000.0),
         int(mag[0]),
         int(mag[1]),
         int(mag[2]),
@@ -194,9 +203,9 @@ def global_position_int(state: State) -> bytes | None:
         round(position.longitude_deg * 1e7),
         round(position.altitude_amsl_m * 1e3),
         round((position.altitude_amsl_m - home_m) * 1e3),
-        _int16(position.north_mps * 100.0),
-        _int16(position.east_mps * 100.0),
-        _int16(-position.climb_mps * 100.0),
+        int16(position.north_mps * 100.0),
+        int16(position.east_mps * 100.0),
+        int16(-position.climb_mps * 100.0),
         round(math.degrees(state.attitude_rad[2]) * 100.0) % 36000,
     )
 
@@ -220,11 +229,32 @@ def home_position(state: State) -> bytes | None:
     )
 
 
-def _int16(value: float) -> int:
+def highres_imu(state: State) -> bytes | None:
+    """ArduPilot's, with the magnetic field a thousand times too large, ``diff_pressure`` the difference from the
+    ground's pressure, and ``pressure_alt`` the estimate above sea level."""
+    sample, truth, pressure = state.imu, state.truth, state.pressure
+    if sample is None or truth is None or pressure is None:
+        return None
+    return _HIGHRES_IMU.wire(
+        state.time_us,
+        *sample.specific_force_b_mps2,
+        *sample.angular_rate_b_radps,
+        *field_b_mgauss(truth),
+        pressure.pressure_pa * 0.01,
+        (pressure.pressure_pa - state.ground_pressure_pa) * 0.01,
+        state.position.altitude_amsl_m if state.position else 0.0,
+        pressure.die_temperature_k - 273.15,
+        0x1FFF,
+        0,
+    )
+
+
+def int16(value: float) -> int:
+    """`value` without its fraction, no further than the type reaches."""
     return int(value) if -32768.0 <= value <= 32767.0 else 32767 if value > 0.0 else -32768
 
 
-def _field_b(truth: Truth) -> tuple[float, float, float]:
+def field_b_mgauss(truth: Truth) -> tuple[float, float, float]:
     """The Earth's magnetic field in the body's axes, milligauss."""
     north, east, down = _EARTH_FIELD_MGAUSS
     cr, sr = math.cos(truth.roll_rad), math.sin(truth.roll_rad)
@@ -240,6 +270,7 @@ _SYSTEM_TIME = packer("SYSTEM_TIME")
 _ATTITUDE = packer("ATTITUDE")
 _RAW_IMU = packer("RAW_IMU")
 _SIM_STATE = packer("SIM_STATE")
+_HIGHRES_IMU = packer("HIGHRES_IMU")
 _SCALED_PRESSURE = packer("SCALED_PRESSURE")
 _GPS_RAW_INT = packer("GPS_RAW_INT")
 _GLOBAL_POSITION_INT = packer("GLOBAL_POSITION_INT")
@@ -260,6 +291,7 @@ _TABLE = (
     Telemetry(_GLOBAL_POSITION_INT, global_position_int, 1.0, 10.0, _POSITION, Fresh.MOTION),
     Telemetry(_EXTENDED_SYS_STATE, extended_sys_state, 1.0, 1.0, _EXTENDED_STATUS),
     Telemetry(_HOME_POSITION, home_position, 0.2, 0.2),
+    Telemetry(_HIGHRES_IMU, highres_imu, 0.0, 0.0),
 )
 
 TELEMETRY: Mapping[int, Telemetry] = {row.packer.message_id: row for row in _TABLE}

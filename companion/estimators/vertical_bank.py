@@ -119,6 +119,17 @@ from companion.estimators.vertical_mixture import (
     mixture_start,
     take_acceleration,
 )
+from companion.estimators.vertical_spares import (
+    BARO,
+    FAR_SIGMA,
+    RECEIVER,
+    SILENT_US,
+    compare_spare,
+    follow_spare,
+    is_settled,
+    spare_fields,
+    spares_start,
+)
 from companion.jit import step
 from companion.kalman import inflated
 from companion.samples import Kind, Rows, Tables, readable, rows
@@ -138,6 +149,7 @@ STATE = state_dtype(
     *attitude_fields(),
     *mixture_fields(),
     *integrity_fields(),
+    *spare_fields(),
     ("baro_seen", "i8"),
     ("baro_pa", "f8"),  # newest pressure, its height, and where it was
     ("baro_m", "f8"),
@@ -188,8 +200,7 @@ class VerticalBankSettings(Settings):
     vehicle_attitude: bool = False
     """prefer the autopilot's attitude while it agrees with our own; an EKF's is wild while it starts and when jammed"""
     accel_noise_mps2: float = Field(0.05, gt=0, le=10)
-    """white noise of the upward acceleration as the mean of a second has it, vibration and attitude included; a slow IMU
-    has more"""
+    """white noise of the upward acceleration in the mean of a second, vibration and attitude included"""
     blind_noise_mps2: float = Field(1.5, gt=0, le=100)
     """the same without IMU: manoeuvres"""
     accel_bias_sd_mps2: float = Field(0.2, ge=0, le=10)
@@ -282,6 +293,7 @@ def start(state: Rows, params: Rows) -> None:
     attitude_start(state)
     mixture_start(state, params)
     integrity_start(state, params)
+    spares_start(state)
     s.baro_seen = 0
     s.baro_pa, s.baro_m, s.baro_path_m = math.nan, math.nan, 0.0
     s.baro_median_m = params[0].baro_sd_m
@@ -342,11 +354,11 @@ def on_attitude(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
 def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     """A barometer height: is it new, what noise does it show, is it to be believed; then every channel takes it."""
     s, p = state[0], params[0]
-    if sample[0].instance != 0:
-        return tally(state, PRESSURE, IGNORED)
     verdict = judge_pressure(state, sample, LOWEST_PA, HIGHEST_PA)
     if verdict != USED:
         return tally(state, PRESSURE, verdict)
+    if sample[0].instance != 0:
+        return tally(state, PRESSURE, on_spare_baro(state, params, sample, estimate))
     time_us = sample[0].time_us
     place(state, PRESSURE, 0, time_us)
     advance(state, params, max(time_us, s.filter_us))
@@ -374,6 +386,32 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         take_baro(state, baro_m, white_m * white_m)
     write_estimate(state, params, estimate)
     return tally(state, PRESSURE, verdict)
+
+
+@step
+def on_spare_baro(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
+    """A second barometer: it follows the first, and stands in for it."""
+    s, instance, time_us = state[0], sample[0].instance, sample[0].time_us
+    place(state, PRESSURE, instance, time_us)
+    if s.baro_seen == 0:
+        return IGNORED
+    advance(state, params, max(time_us, s.filter_us))
+    combine(state)
+    sees_baro(state, (s.filter_us - time_us) * 1e-6)
+    baro_m = baro_altitude_m(sample[0].pressure_pa)
+    R = params[0].baro_sd_m * params[0].baro_sd_m
+    away_m = compare_spare(state, BARO, instance, baro_m - dot(s.H, s.average))
+    if abs(away_m) > FAR_SIGMA * math.sqrt(gather(s.cov, s.H, s.K) + R):
+        return GATED
+    if is_blamed(state, BAROMETER) or s.filter_us - s.last_us[PRESSURE, 0] > SILENT_US:
+        if not is_settled(state, BARO, instance):
+            return GATED
+        s.spare_us[BARO, instance] = time_us
+        take_baro(state, baro_m - s.spare_offset_m[BARO, instance], R)
+        write_estimate(state, params, estimate)
+    else:
+        follow_spare(state, BARO, instance, time_us)
+    return USED
 
 
 @step
@@ -418,22 +456,23 @@ def take_baro(state: Rows, baro_m: float, R: float) -> None:
 @step
 def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     """A fix, which is late: it meets the height of its own time."""
-    s = state[0]
-    if sample[0].instance != 0:
-        return tally(state, GNSS, IGNORED)
+    s, instance, time_us = state[0], sample[0].instance, sample[0].time_us
     verdict = judge_gnss(state, sample)
     if verdict != USED:
         return tally(state, GNSS, verdict)
-    time_us = sample[0].time_us
-    place(state, GNSS, 0, time_us)
-    attitude_gnss(state, sample)
+    place(state, GNSS, instance, time_us)
+    silent = time_us - s.last_us[GNSS, 0] > SILENT_US
+    if instance == 0 or silent:
+        attitude_gnss(state, sample)
     advance(state, params, max(time_us, s.filter_us))
-    R = expect_gnss(state, params, sample)
     late_s = (s.filter_us - time_us) * 1e-6
     fix_m = sample[0].altitude_amsl_m - known_displacement(state, time_us)
     sees_height(s.H, late_s)
     s.H[GNSS_BIAS] = 1.0
     combine(state)
+    if instance != 0:
+        return tally(state, GNSS, on_spare_fix(state, params, sample, estimate, fix_m, silent))
+    R = expect_gnss(state, params, sample)
     s.innovation_m = fix_m - dot(s.H, s.average)
     far = s.innovation_m * s.innovation_m > FIX_SIGMA * FIX_SIGMA * (R + gather(s.cov, s.H, s.K))
     if is_blamed(state, GNSS_HEIGHT):
@@ -454,19 +493,47 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
 
 
 @step
+def on_spare_fix(state: Rows, params: Rows, sample: Rows, estimate: Rows, fix_m: float, silent: bool) -> int:
+    """A second receiver: it follows the first, stands in for it, and is its witness."""
+    s, instance = state[0], sample[0].instance
+    if s.fix_seen == 0:
+        return IGNORED
+    away_m = compare_spare(state, RECEIVER, instance, fix_m - dot(s.H, s.average))
+    stands_in = silent or is_blamed(state, GNSS_HEIGHT)
+    R = expect_gnss(state, params, sample) if stands_in else white_fix_m2(params, sample)
+    if abs(away_m) > FAR_SIGMA * math.sqrt(gather(s.cov, s.H, s.K) + R):
+        return GATED
+    if not stands_in:
+        follow_spare(state, RECEIVER, instance, sample[0].time_us)
+        return USED
+    if not is_settled(state, RECEIVER, instance):
+        return GATED
+    s.spare_us[RECEIVER, instance] = sample[0].time_us
+    take_fix(state, fix_m - s.spare_offset_m[RECEIVER, instance], R)
+    write_estimate(state, params, estimate)
+    return USED
+
+
+@step
+def white_fix_m2(params: Rows, sample: Rows) -> float:
+    """White variance of a fix: a share of the spread claimed."""
+    white_m = params[0].gnss_white_ratio * gnss_sd_m(sample, 0.0, params[0].gnss_sd_unknown_m)
+    return max(params[0].gnss_white_floor_m, white_m) ** 2
+
+
+@step
 def expect_gnss(state: Rows, params: Rows, sample: Rows) -> float:
     """Split the spread of a fix: the slow variance goes to every channel, the white one is returned."""
     s, p = state[0], params[0]
     sd_m = gnss_sd_m(sample, 0.0, p.gnss_sd_unknown_m)
     slow_m = max(p.gnss_slow_floor_m, p.gnss_slow_ratio * sd_m)
-    white_m = max(p.gnss_white_floor_m, p.gnss_white_ratio * sd_m)
     worse_m2 = max(0.0, slow_m * slow_m - s.gnss_slow_m2)
     s.gnss_slow_m2 = slow_m * slow_m
     for i in range(CHANNELS):
         s.steady[i, GNSS_BIAS] = s.gnss_slow_m2
         if follows_gnss(i):
             s.P[i, GNSS_BIAS, GNSS_BIAS] += worse_m2
-    return white_m * white_m
+    return white_fix_m2(params, sample)
 
 
 @step

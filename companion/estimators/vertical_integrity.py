@@ -14,6 +14,7 @@ four of five fixes beyond five sigma                            GNSS is wrong; b
 the bank parts from the copy without GNSS by five sigma, faster GNSS is wrong, and the bank goes back to that copy
 than weather can drift
 the same, slower                                                weather: the spread grows, nobody is blamed
+four of five fixes beyond, and a second receiver agrees         the bank has drifted: nobody is blamed
 four of five fixes beyond, taking back what had parted          GNSS was wrong and is right again
 ==============================================================  ================================================
 
@@ -58,6 +59,7 @@ from companion.estimators.vertical_mixture import (
     combine,
     expect_weather,
 )
+from companion.estimators.vertical_spares import RECEIVER, a_witness_agrees
 from companion.jit import step
 from companion.samples import Fault, Rows
 
@@ -313,6 +315,10 @@ def watch_fix(state: Rows, failed: bool) -> bool:
         s.failed_fixes, s.excess_m = 0, 0.0
         reopen(state, s.innovation_m)
         return True
+    if a_witness_agrees(state, RECEIVER, s.innovation_m, STEADY_GNSS_M):
+        s.failed_fixes = 0
+        reopen(state, s.innovation_m)
+        return True
     if not is_blamed(state, BAROMETER):
         blame(state, GNSS_HEIGHT)
     elif s.baro_frozen == 0 and s.filter_us - s.blamed_us[BAROMETER] < IMU_SUSPECT_US:
@@ -362,8 +368,7 @@ def gnss_comes_back(state: Rows, away_m: float, R: float) -> bool:
 
 @step
 def reopen(state: Rows, away_m: float) -> None:
-    """The height has drifted this far, and the offset with it, since what the barometer reads stays explained.
-    """
+    """The height has drifted this far, and the offset with it, since what the barometer reads stays explained."""
     s = state[0]
     variance_m2 = away_m * away_m
     s.seeded_us[0], s.seeded_us[1] = -1, -1
@@ -398,7 +403,8 @@ def separate(state: Rows, params: Rows) -> None:
         s.separation_mean_m += min(1.0, elapsed_s / SLOPE_TIME_S) * (apart_m - s.separation_mean_m)
         slope_mps = (apart_m - s.separation_mean_m) / SLOPE_TIME_S
         excess_m = abs(apart_m) - PARTED_SIGMA * s.separation_sd_m
-        if excess_m > 0.0 and abs(slope_mps) > FASTEST_WEATHER_MPS:
+        impossible = excess_m > 0.0 and abs(slope_mps) > FASTEST_WEATHER_MPS
+        if impossible and not a_witness_agrees(state, RECEIVER, s.innovation_m, STEADY_GNSS_M):
             blame(state, GNSS_HEIGHT)
             return_to(state, older)
             return

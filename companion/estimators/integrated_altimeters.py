@@ -69,6 +69,7 @@ ALTIMETER_PARAMS: tuple[tuple[Any, ...], ...] = (
     ("P_g", "f8"),
     ("reacquire_s", "f8", (2,)),  # without the IMU (0), with it (1)
     ("reference_s", "f8"),
+    ("blame_imu", "i8"),  # whether both altimeters may re-acquire at once
     ("robust", "i8"),
 )
 """What a params dtype holds for it."""
@@ -225,7 +226,7 @@ def extrapolate_errors(state: Rows, params: Rows) -> float:
 def correct_errors(state: Rows, params: Rows, T: float) -> None:
     """End an iteration: correct with what was gathered, isolate, align the datum."""
     s = state[0]
-    if s.inertial == 1 and imu_is_contradicted(state, params):
+    if params[0].blame_imu == 1 and s.inertial == 1 and imu_is_contradicted(state, params):
         for k in range(2):
             reacquire(state, params, k, gathered(state, k))
             forget_acceleration(state, k, params[0].P_a[0])

@@ -42,7 +42,8 @@ Departures
 - The paper's "central processing unit" aligns the datum of the barometer with that of the inertial channel. Here it
   is the running mean of barometer less IIG height over ``reference_s``, for as long as correlated GNSS errors last
   (300 s); it stands still while one altimeter is in doubt. A difference that outlasts the doubt is a new datum.
-- When both altimeters refuse their measurements twice in the same direction, it is the IMU: both re-acquire.
+- When both altimeters refuse their measurements twice in the same direction, it is the IMU: both re-acquire. The
+  paper's scenario 3, the same bias on both sensors at once, looks alike.
 - Fault isolation: an altimeter is in doubt when prob(1/i), averaged over 3 s, is below 0.5, and then until the two
   agree again, for 60 s at most. When they drift apart without that it is the barometer, unless GNSS had jumped.
 - Without an IMU that can be integrated (below about 10 Hz, silent for 0.5 s, attitude unknown; slow samples are
@@ -189,6 +190,7 @@ class RobustAltimeterSettings(Settings):
         chosen = self.reacquire_s
         reacquire_s = preset["reacquire_s"] if chosen == "preset" else math.inf if chosen == "never" else chosen
         row["reacquire_s"] = BLIND_PATIENCE_S, reacquire_s
+        row["blame_imu"] = chosen != "never"
         row["reference_s"], row["weather_mps"] = self.reference_s, self.pressure_drift_mps
         row["robust"], row["publish"] = self.gain == "robust", PUBLISH[self.publish]
         row["use_attitude"] = self.use_attitude

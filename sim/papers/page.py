@@ -307,5 +307,6 @@ def _small_png(canvas: Any) -> bytes:
     drawn, packed = io.BytesIO(), io.BytesIO()
     canvas.savefig(drawn, format="png", metadata={"Software": None})
     with Image.open(drawn) as image:
-        image.convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE).save(packed, format="png", optimize=True)
+        few = image.convert("RGB").quantize(_COLOURS, kmeans=2, dither=Image.Dither.NONE)
+        few.save(packed, format="png", optimize=True)
     return packed.getvalue()

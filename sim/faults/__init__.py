@@ -22,7 +22,7 @@ from companion.config import validate
 from companion.errors import ConfigError
 from companion.mavlink.framing import V1, V2
 from companion.samples import Packet
-from sim.faults.base import Dice, Fault, Moment
+from sim.faults.base import Dice, Effect, Fault, Moment
 from sim.faults.clock import ClockJump, Reboot
 from sim.faults.editing import header
 from sim.faults.gnss import Jamming, Outage, Slide, Spoofing
@@ -45,20 +45,23 @@ FAULTS: Mapping[str, type[Fault]] = {
 """name -> its parameters (the model's fields), its help (the docstring), and how to make it (`Fault.effect`)"""
 
 
+_STARTS = (V1, V2)
+
+
 class _Stage:
     """One fault of a stream."""
 
     def __init__(self, fault: Fault, dice: Dice) -> None:
-        self._effect = fault.effect(dice)
-        self.due = self._effect.due
-        self._ids = self._effect.ids
+        effect = fault.effect(dice)
+        self._feed, self.due, self._ids = effect.feed, effect.due, effect.ids
+        self.holds = type(effect).due is not Effect.due
         self._component = fault.component
         self._start_us = round(fault.start_s * 1e6)
         self._duration_us = math.inf if fault.duration_s is None else round(fault.duration_s * 1e6)
 
     def feed(self, packet: Packet, age_us: int) -> Iterable[Packet]:
         data = packet.data
-        if not data or data[0] not in (V1, V2):
+        if not data or data[0] not in _STARTS:
             return (packet,)
         sequence, component_id, message_id = header(data)
         if self._ids is not None and message_id not in self._ids:
@@ -66,7 +69,7 @@ class _Stage:
         if self._component and component_id != self._component:
             return (packet,)
         since_us = age_us - self._start_us
-        return self._effect.feed(packet, Moment(message_id, sequence, since_us, 0 <= since_us < self._duration_us))
+        return self._feed(packet, Moment(message_id, sequence, since_us, 0 <= since_us < self._duration_us))
 
 
 class Stream:
@@ -77,31 +80,36 @@ class Stream:
             _Stage(fault, Dice(seed if fault.seed is None else fault.seed, type(fault).__name__, number))
             for number, fault in enumerate(faults)
         ]
+        self._holds = any(stage.holds for stage in self._stages)
         self._origin_us: int | None = None
 
     def feed(self, packet: Packet) -> list[Packet]:
         """What goes on now that `packet` has come."""
         if self._origin_us is None:
             self._origin_us = packet.time_us
-        found = self.due(packet.time_us)
-        self._push(0, packet, found)
-        return found
+        packets = [packet]
+        for stage in self._stages:
+            packets = self._through(stage, packets)
+        return packets
 
     def due(self, time_us: float) -> list[Packet]:
         """What was held back until now. A live link asks for it in every tick; ``math.inf`` at the end gives all."""
-        found: list[Packet] = []
-        for number, stage in enumerate(self._stages):
-            for packet in stage.due(time_us):
-                self._push(number + 1, packet, found)
-        return found
+        packets: list[Packet] = []
+        if self._holds:
+            for stage in self._stages:
+                packets = self._through(stage, packets) if packets else packets
+                if stage.holds:
+                    packets.extend(stage.due(time_us))
+        return packets
 
-    def _push(self, number: int, packet: Packet, found: list[Packet]) -> None:
-        if number == len(self._stages):
-            found.append(packet)
-            return
-        stage = self._stages[number]
-        for ready in (*stage.due(packet.time_us), *stage.feed(packet, packet.time_us - (self._origin_us or 0))):
-            self._push(number + 1, ready, found)
+    def _through(self, stage: _Stage, packets: list[Packet]) -> list[Packet]:
+        origin_us = self._origin_us or 0
+        found: list[Packet] = []
+        for packet in packets:
+            if stage.holds:  # what was due before it goes first
+                found.extend(stage.due(packet.time_us))
+            found.extend(stage.feed(packet, packet.time_us - origin_us))
+        return found
 
 
 def faulty(packets: Iterable[Packet], faults: Sequence[Fault], seed: int = 0) -> Iterator[Packet]:

@@ -110,6 +110,8 @@ class Held:
         self._count += 1
 
     def due(self, time_us: float) -> list[Packet]:
+        if not self._heap or self._heap[0][0] > time_us:
+            return []
         found = []
         while self._heap and self._heap[0][0] <= time_us:
             due_us, _, data = heapq.heappop(self._heap)

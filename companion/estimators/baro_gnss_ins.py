@@ -160,14 +160,14 @@ PARAMS = np.dtype(
         ("baro_sd_m", "f8"),
         ("baro_bias_sd_m", "f8"),
         ("baro_walk_m_rts", "f8"),
-        ("baro_scale_sd", "f8"),
+        ("baro_scale_sd_ratio", "f8"),
         ("baro_scale_walk_rts", "f8"),
         ("spike_gate_pa", "f8"),
         ("gnss_sd_floor_m", "f8"),
         ("gnss_sd_unknown_m", "f8"),
         ("gnss_velocity_sd_mps", "f8"),
         ("gnss_correlation_s", "f8"),
-        ("gnss_correlated_share", "f8"),
+        ("gnss_correlated_ratio", "f8"),
         ("accel_noise_mps2_rthz", "f8"),
         ("accel_bias_sd_mps2", "f8"),
         ("accel_walk_mps2_rts", "f8"),
@@ -191,7 +191,7 @@ class BaroGnssInsSettings(Settings):
     """prior of the barometer's bias: 12 hPa of weather"""
     baro_walk_m_rts: float = Field(0.3, ge=0, le=10)
     """random walk of the bias, per root second: 18 m in an hour"""
-    baro_scale_sd: float = Field(0.04, ge=0, le=1)
+    baro_scale_sd_ratio: float = Field(0.04, ge=0, le=1)
     """prior of the barometer's scale factor: air 11 K from standard"""
     baro_scale_walk_rts: float = Field(1e-4, ge=0, le=0.1)
     """random walk of the scale factor, per root second: 2 K in an hour"""
@@ -205,7 +205,7 @@ class BaroGnssInsSettings(Settings):
     """spread of GNSS velocity, lateness within a manoeuvre included"""
     gnss_correlation_s: float = Field(2.0, ge=0, le=600)
     """fixes within this time count as one"""
-    gnss_correlated_share: float = Field(0.75, ge=0, le=1)
+    gnss_correlated_ratio: float = Field(0.75, ge=0, le=1)
     """share of the claimed variance that no averaging removes: added to the reported spread"""
     accel_noise_mps2_rthz: float = Field(0.05, gt=0, le=10)
     """white noise of the accelerometers on an airframe with a running motor"""
@@ -492,7 +492,7 @@ def write_estimate(state: Rows, params: Rows, estimate: Rows) -> None:
         return
     slow_var = 0.0
     if s.gnss_sd_m > 0.0:
-        slow_var = params[0].gnss_correlated_share * s.gnss_sd_m * s.gnss_sd_m
+        slow_var = params[0].gnss_correlated_ratio * s.gnss_sd_m * s.gnss_sd_m
     estimate[0].time_us = s.time_us
     estimate[0].altitude_amsl_m = s.position[2]
     estimate[0].climb_mps = -s.velocity_n_mps[DOWN]

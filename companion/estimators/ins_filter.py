@@ -128,7 +128,7 @@ def ins_start(state: Rows, params: Rows) -> None:
         s.P[RATE_BIAS + i, RATE_BIAS + i] = p.gyro_bias_sd_radps * p.gyro_bias_sd_radps
     s.P[VELOCITY + DOWN, VELOCITY + DOWN] = UNKNOWN_CLIMB_MPS * UNKNOWN_CLIMB_MPS
     s.P[BARO_BIAS, BARO_BIAS] = p.baro_bias_sd_m * p.baro_bias_sd_m
-    s.P[BARO_SCALE, BARO_SCALE] = p.baro_scale_sd * p.baro_scale_sd
+    s.P[BARO_SCALE, BARO_SCALE] = p.baro_scale_sd_ratio * p.baro_scale_sd_ratio
 
 
 @step
@@ -329,7 +329,7 @@ def suspend(state: Rows, params: Rows) -> None:
     s, p, P = state[0], params[0], state[0].P
     s.inertial, s.slip_s, s.sink_s = 0, 0.0, 0.0
     s.rest_us = s.time_us + REST_US
-    forget_error(P, BARO_SCALE, p.baro_scale_sd * p.baro_scale_sd)
+    forget_error(P, BARO_SCALE, p.baro_scale_sd_ratio * p.baro_scale_sd_ratio)
     widen_common(P, RUNAWAY_M * RUNAWAY_M)
     for i in range(3):
         s.force_bias_b_mps2[i], s.rate_bias_b_radps[i] = 0.0, 0.0

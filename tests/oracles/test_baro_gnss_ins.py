@@ -144,7 +144,7 @@ def test_vertical_filter_is_batch_least_squares(scale_sd: float, estimate_sds: f
     """Every pressure, fix, prior and random acceleration of two minutes at once, each divided by its spread."""
     settings = BaroGnssInsSettings(
         baro_walk_m_rts=0.2,
-        baro_scale_sd=scale_sd,
+        baro_scale_sd_ratio=scale_sd,
         baro_scale_walk_rts=1e-9 if scale_sd < 1e-6 else 1e-4,
         gnss_correlation_s=0.0,
         coast_noise_mps2_rthz=0.4,
@@ -197,11 +197,11 @@ def test_normalised_errors_of_a_matched_model() -> None:
     """White errors as the filter assumes them, random-walking b and s: height, climb and b, s are as good as P says."""
     settings = BaroGnssInsSettings(
         baro_walk_m_rts=0.1,
-        baro_scale_sd=0.02,
+        baro_scale_sd_ratio=0.02,
         baro_scale_walk_rts=1e-5,
         baro_bias_sd_m=30.0,
         gnss_correlation_s=0.0,
-        gnss_correlated_share=0.0,
+        gnss_correlated_ratio=0.0,
         coast_noise_mps2_rthz=0.2,
     )
     squares = []

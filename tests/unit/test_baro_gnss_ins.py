@@ -95,7 +95,11 @@ def vertical_log(profile_m: Array, *, b_m: float, s: float, seed: int, baro_sd_m
 
 
 CONSTANT_ERRORS = BaroGnssInsSettings(
-    baro_walk_m_rts=0.0, baro_scale_walk_rts=0.0, gnss_correlation_s=0.0, gnss_correlated_share=0.0, baro_scale_sd=0.1
+    baro_walk_m_rts=0.0,
+    baro_scale_walk_rts=0.0,
+    gnss_correlation_s=0.0,
+    gnss_correlated_ratio=0.0,
+    baro_scale_sd_ratio=0.1,
 )
 
 

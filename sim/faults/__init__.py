@@ -45,7 +45,7 @@ FAULTS: Mapping[str, type[Fault]] = {
 """name -> its parameters (the model's fields), its help (the docstring), and how to make it (`Fault.effect`)"""
 
 
-_STARTS = (V1, V2)
+_V1, _V2 = bytes([V1]), bytes([V2])
 
 
 class _Stage:
@@ -61,9 +61,12 @@ class _Stage:
 
     def feed(self, packet: Packet, age_us: int) -> Iterable[Packet]:
         data = packet.data
-        if not data or data[0] not in _STARTS:
+        if data[:1] == _V2:  # `header`, without a call: every packet of a flight comes here
+            sequence, component_id, message_id = data[4], data[6], data[7] | data[8] << 8 | data[9] << 16
+        elif data[:1] == _V1:
+            sequence, component_id, message_id = header(data)
+        else:
             return (packet,)
-        sequence, component_id, message_id = header(data)
         if self._ids is not None and message_id not in self._ids:
             return (packet,)
         if self._component and component_id != self._component:
@@ -89,7 +92,8 @@ class Stream:
             self._origin_us = packet.time_us
         packets = [packet]
         for stage in self._stages:
-            packets = self._through(stage, packets)
+            if packets:
+                packets = self._through(stage, packets)
         return packets
 
     def due(self, time_us: float) -> list[Packet]:

@@ -20,6 +20,10 @@ Seconds = Annotated[float, Field(ge=0.0, le=1e6)]
 Metres = Annotated[float, Field(ge=-100_000.0, le=100_000.0)]
 
 
+_NUMBERS = [struct.Struct(f"<{count}q") for count in range(8)]
+_HALVES = struct.Struct("<QQ")
+
+
 class Dice:
     """Random numbers that depend on a seed and on what they are for, not on how many were drawn before.
 
@@ -27,11 +31,11 @@ class Dice:
     """
 
     def __init__(self, seed: int, name: str, number: int) -> None:
-        self._key = hashlib.blake2b(f"{seed} {name} {number}".encode(), digest_size=32).digest()
+        self._key = hashlib.blake2b(f"{seed} {name} {number}".encode(), digest_size=16).digest()
 
     def _halves(self, numbers: tuple[int, ...]) -> tuple[float, float]:
-        digest = hashlib.blake2b(struct.pack(f"<{len(numbers)}q", *numbers), digest_size=16, key=self._key).digest()
-        first, second = struct.unpack("<QQ", digest)
+        data = self._key + _NUMBERS[len(numbers)].pack(*numbers)
+        first, second = _HALVES.unpack(hashlib.blake2b(data, digest_size=16).digest())
         return ((first >> 11) + 0.5) * 2.0**-53, ((second >> 11) + 0.5) * 2.0**-53
 
     def uniform(self, *numbers: int) -> float:

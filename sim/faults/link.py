@@ -41,8 +41,11 @@ class _Lottery(Effect):
     def hits(self, moment: Moment) -> bool:
         if moment.message_id != SIM_STATE or (self._only is not None and SIM_STATE in self._only):
             chosen = self._only is None or moment.message_id in self._only
-            self._hit = moment.active and chosen and self._dice.uniform(*moment.luck) < self._probability
+            self._hit = moment.active and chosen and self._is_drawn(moment)
         return self._hit
+
+    def _is_drawn(self, moment: Moment) -> bool:
+        return self._probability == 1.0 or self._dice.uniform(*moment.luck) < self._probability
 
 
 class Drop(LinkFault):

@@ -25,8 +25,8 @@ _TROPOPAUSE_M = 11_000.0
 _STRATOSPHERE_M = 20_000.0
 _BOTTOM_M, _STEP_M = -500.0, 100.0
 _FLAT_K = 1e-6
-_ROUNDS, _SETTLED = 6, 1e-8
-"""of the pressure that dilutes the vapour: 1e-8 is a thousandth of a pascal"""
+_ROUNDS, _SETTLED = 6, 5e-6
+"""of the pressure that dilutes the vapour: each round leaves a fiftieth of the last change, here 0.01 Pa"""
 
 Array = NDArray[np.float64]
 

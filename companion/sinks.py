@@ -19,10 +19,11 @@ class CsvSink:
     """An observer that writes one line for each update of the estimate; unknown is an empty cell."""
 
     def __init__(self, path: Path, health: Callable[[], str]) -> None:
+        self._path = path
         try:
             self._file = path.open("w", newline="", encoding="ascii")
         except OSError as error:
-            raise LogFormatError(f"{path}: cannot be written ({error.strerror})") from None
+            raise self._failure(error) from None
         self._writer = csv.writer(self._file)
         self._writer.writerow(COLUMNS)
         self._health = health
@@ -32,7 +33,10 @@ class CsvSink:
         if verdict is not Verdict.USED or kind is Kind.STATUS or math.isnan(value["altitude_amsl_m"]):
             return
         cells = [int(value["time_us"]), *(_cell(float(value[name])) for name in COLUMNS[1:-1]), self._health()]
-        self._writer.writerow(cells)
+        try:
+            self._writer.writerow(cells)
+        except OSError as error:
+            raise self._failure(error) from None
 
     def truth(self, time_us: int, altitude_amsl_m: float, climb_mps: float) -> None:
         """Not in the CSV."""
@@ -49,7 +53,14 @@ class CsvSink:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._file.close()
+        try:
+            self._file.close()
+        except OSError as failure:
+            if error is None:  # else the first one tells what happened
+                raise self._failure(failure) from None
+
+    def _failure(self, error: OSError) -> LogFormatError:
+        return LogFormatError(f"{self._path}: cannot be written ({error.strerror})")
 
 
 class Observers:

@@ -1,0 +1,148 @@
+"""The rules of the house, held by machine: who may import whom, who may print, who may compile, how long a file is."""
+
+import ast
+import tokenize
+from functools import cache
+from io import BytesIO
+from pathlib import Path
+
+import pytest
+from importlinter.cli import lint_imports
+
+ROOT = Path(__file__).resolve().parents[1]
+FILES = sorted(path for folder in ("companion", "sim") for path in (ROOT / folder).rglob("*.py"))
+COMPILES = "from companion.jit import step"
+LONGEST = 350
+A_WHOLE_PAPER = 550
+"""An estimator is one published system in one file, so that its equations stand together."""
+
+
+def name_of(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+@cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def imports_of(tree: ast.AST) -> dict[str, str]:
+    """local name -> where it comes from, of every import in the file."""
+    found: dict[str, str] = {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found |= {alias.asname or alias.name.split(".")[0]: alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            found |= {alias.asname or alias.name: f"{node.module}.{alias.name}" for alias in node.names}
+    return found
+
+
+def lines_of_code(path: Path) -> int:
+    """Lines with something other than comments and docstrings on them."""
+    documented: set[int] = set()
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+            documented |= set(range(node.lineno, (node.end_lineno or node.lineno) + 1))
+    silent = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENCODING}
+    tokens = tokenize.tokenize(BytesIO(path.read_bytes()).readline)
+    busy = {token.start[0] for token in tokens if token.type not in silent | {tokenize.ENDMARKER}}
+    return len(busy - documented)
+
+
+def test_import_contracts() -> None:
+    """Those of pyproject.toml: sim -> companion, estimators without MAVLink, a codec without I/O."""
+    assert lint_imports(config_filename=str(ROOT / "pyproject.toml"), no_cache=True) == 0
+
+
+def packages_of(path: Path) -> set[str]:
+    """The top-level packages that a file imports, anywhere in it."""
+    return {source.split(".")[0] for source in imports_of(tree_of(path)).values()}
+
+
+@pytest.mark.parametrize(
+    ("package", "user"),
+    [("numba", "companion/jit.py"), ("llvmlite", "companion/jit.py"), ("jsbsim", "sim/aircraft.py")],
+)
+def test_a_heavy_package_has_one_user(package: str, user: str) -> None:
+    assert {name_of(path) for path in FILES if package in packages_of(path)} == {user}
+
+
+def test_only_the_command_line_prints() -> None:
+    for path in FILES:
+        functions = {node.func for node in ast.walk(tree_of(path)) if isinstance(node, ast.Call)}
+        called = {function.id for function in functions if isinstance(function, ast.Name)}
+        assert "print" not in called or path.name == "cli.py", name_of(path)
+
+
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_every_file_says_what_it_is_for_and_is_no_longer_than_needed(path: Path) -> None:
+    assert ast.get_docstring(tree_of(path)), "no docstring"
+    is_paper = path.parent.name in ("estimators", "papers")
+    assert lines_of_code(path) <= (A_WHOLE_PAPER if is_paper else LONGEST)
+
+
+def test_compiled_code_has_explicit_loops() -> None:
+    """NumPy's linear algebra and reductions need scipy when compiled and differ from it when not."""
+    for path in FILES:
+        for step in _steps(tree_of(path)):
+            where = f"{name_of(path)}: {step.name}"
+            for node in ast.walk(step):
+                assert not isinstance(node, ast.MatMult), where
+                if isinstance(node, ast.Attribute):
+                    assert node.attr not in {"linalg", "dot", "sum", "matmul", "einsum", "mean", "var", "std"}, where
+
+
+def test_compiled_code_depends_only_on_what_its_cache_is_named_after() -> None:
+    """The cache is named after the files that compile and ``samples.py``: what a step uses must come from these."""
+    compiled = {path for path in FILES if COMPILES in path.read_text(encoding="utf-8")}
+    hashed = {name_of(path)[:-3].replace("/", ".") for path in compiled} | {"companion.samples", "companion.jit"}
+    for path in compiled:
+        if name_of(path).startswith("sim/"):
+            continue  # Numba itself watches the file, and what it uses of the companion is in the name
+        tree = tree_of(path)
+        imported, constants = imports_of(tree), _constants(tree)
+        for step in _steps(tree):
+            names = {node.id for node in ast.walk(step) if isinstance(node, ast.Name)}
+            for name in _with_constants(names, constants):
+                source = imported.get(name, "")
+                if source.startswith("companion."):
+                    module = source.rsplit(".", 1)[0]
+                    assert module in hashed or source in hashed, f"{path.name}: {step.name} uses {source}"
+
+
+def test_whoever_compiles_says_so_in_the_line_that_the_cache_looks_for() -> None:
+    for path in FILES:
+        if "companion.jit.step" in imports_of(tree_of(path)).values():
+            assert COMPILES in path.read_text(encoding="utf-8"), name_of(path)
+
+
+def _steps(tree: ast.Module) -> list[ast.FunctionDef]:
+    return [
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef)
+        and any(isinstance(decorator, ast.Name) and decorator.id == "step" for decorator in node.decorator_list)
+    ]
+
+
+def _constants(tree: ast.Module) -> dict[str, set[str]]:
+    """Module constants -> the names in their definitions."""
+    found: dict[str, set[str]] = {}
+    for node in tree.body:
+        if not isinstance(node, (ast.Assign, ast.AnnAssign)):
+            continue
+        targets, value = node.targets if isinstance(node, ast.Assign) else [node.target], node.value
+        names = {inner.id for inner in ast.walk(value) if isinstance(inner, ast.Name)} if value else set()
+        for target in targets:
+            found |= {inner.id: names for inner in ast.walk(target) if isinstance(inner, ast.Name)}
+    return found
+
+
+def _with_constants(names: set[str], constants: dict[str, set[str]]) -> set[str]:
+    """`names`, and those that the constants among them are made of."""
+    known, waiting = set(names), list(names)
+    while waiting:
+        for inner in constants.get(waiting.pop(), set()) - known:
+            known.add(inner)
+            waiting.append(inner)
+    return known

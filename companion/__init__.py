@@ -50,6 +50,7 @@ Modules
 ``logs``            tlog reading and writing, pacing
 ``service``         the live loop: a link, a clock, a pipeline
 ``evaluation``      errors against truth
+``tuning``          gains of the damping loop from a flight, by its paper's genetic algorithm
 ``config``          typed YAML
 ``cli``             the command ``kollsman``
 ==================  ===================================================================================

@@ -86,6 +86,7 @@ class Vehicle:
             mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: self._on_parameter_list,
             mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ: self._on_parameter_read,
             mavlink.MAVLINK_MSG_ID_PARAM_SET: self._on_parameter_set,
+            mavlink.MAVLINK_MSG_ID_PING: self._on_ping,
             mavlink.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: self._on_mission_list,
             mavlink.MAVLINK_MSG_ID_MISSION_COUNT: self._on_mission_count,
         }
@@ -250,6 +251,13 @@ class Vehicle:
         if message.tc1 == 0:
             timesync = packer("TIMESYNC")
             port.send(timesync, timesync.named(tc1=self.state.time_us * 1000, ts1=message.ts1))
+
+    def _on_ping(self, port: Port, frame: Frame, message: Any) -> None:
+        """Returned to its sender; ArduPilot does not know it."""
+        if not self.flavour.ardupilot and (message.target_system, message.target_component) == (0, 0):
+            ping = packer("PING")
+            sender = {"target_system": frame.system_id, "target_component": frame.component_id}
+            port.send(ping, ping.named(time_usec=message.time_usec, seq=message.seq, **sender))
 
     def _on_parameter_list(self, port: Port, frame: Frame, message: Any) -> None:
         """From the first on, also when a list is under way."""

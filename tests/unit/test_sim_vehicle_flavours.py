@@ -228,6 +228,15 @@ def test_it_has_no_mission_and_takes_none(flavour: str) -> None:
     assert after(bench, mavlink.MAVLink_mission_request_list_message(1, 191, 0), "MISSION_COUNT") == []
 
 
+@ALL
+def test_a_ping_comes_back_except_from_ardupilot(flavour: str) -> None:
+    bench = as_(flavour)
+    pings = after(bench, mavlink.MAVLink_ping_message(123, 7, 0, 0), "PING")
+    answer = [(123, 7, 255, 190)] if flavour != "ardupilot" else []
+    assert [(ping.time_usec, ping.seq, ping.target_system, ping.target_component) for ping in pings] == answer
+    assert after(bench, mavlink.MAVLink_ping_message(123, 7, 255, 190), "PING") == []  # somebody's answer
+
+
 # Parameters
 
 

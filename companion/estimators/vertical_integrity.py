@@ -88,8 +88,10 @@ YOUNGEST_S = 30.0
 PARTED_SIGMA = 5.0
 PARTED_FLOOR_M2 = 0.25
 SLOPE_TIME_S = 10.0
-FASTEST_WEATHER_MPS = 0.7
+FASTEST_WEATHER_MPS = 1.0
 """two hectopascals a minute are 0.28 m/s; the warmest ramp of a front at 3 km adds as much"""
+DOUBT_TIME_S = 300.0
+"""in which doubt in the height without GNSS grows by a sigma"""
 INFLATED_TIME_S = 200.0
 TAKEN_BACK_M = 3.0
 IMU_SUSPECT_US = 30_000_000
@@ -352,7 +354,8 @@ def gnss_comes_back(state: Rows, away_m: float, R: float) -> bool:
         s.away_m = away_m
         s.near_us = -1
     s.away_m += AWAY_WEIGHT * (away_m - s.away_m)
-    limit_m = max(STEADY_GNSS_M, 2.0 * math.sqrt(s.cov[HEIGHT, HEIGHT]))
+    doubt = 2.0 + (s.filter_us - s.blamed_us[GNSS_HEIGHT]) * 1e-6 / DOUBT_TIME_S
+    limit_m = max(STEADY_GNSS_M, doubt * math.sqrt(s.cov[HEIGHT, HEIGHT]))
     if abs(away_m) > limit_m and abs(s.jumps_m) > STEADY_GNSS_M:
         s.near_us = -1
         return False

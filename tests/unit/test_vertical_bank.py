@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from companion.estimators import vertical_bank as vb
 from companion.estimators.method import Filter, run_log
-from companion.samples import Kind, Rows, Verdict, sample
+from companion.samples import Fault, Kind, Rows, Verdict, sample
 from tests.flights import Flight, flight
 
 Array = NDArray[np.float64]
@@ -102,3 +102,178 @@ def test_lasting_baro_step_is_learned() -> None:
 
 def test_step_costs_little_and_checkpoint_is_small() -> None:
     assert vb.STATE.itemsize < 64 * 1024
+
+
+# Integrity
+
+
+def blamed(made: Flight) -> list[tuple[float, int]]:
+    """(seconds, `Fault`) of every change of the blamed sensor."""
+    estimates, _, elapsed_s = fly(made)
+    changes = np.flatnonzero(np.diff(estimates["faulty"])) + 1
+    return [(float(elapsed_s[k]), int(estimates["faulty"][k])) for k in changes]
+
+
+def higher(step_m: float) -> Any:
+    """A change of pressures by what a barometer reads `step_m` higher for."""
+    return lambda p: p * (1.0 - step_m * 1.2e-4)
+
+
+def test_a_healthy_flight_blames_nobody() -> None:
+    assert blamed(flight()) == []
+
+
+@pytest.mark.parametrize("step_m", [-30.0, 15.0, 40.0])
+def test_baro_step_is_blamed_within_a_second_and_forgiven(step_m: float) -> None:
+    made = flight().change(Kind.PRESSURE, "pressure_pa", higher(step_m), 120.0)
+    (onset_s, fault), (back_s, _) = blamed(made)
+    assert fault == Fault.BAROMETER
+    assert onset_s - 120.0 <= 1.0
+    assert 5.0 <= back_s - onset_s <= 20.0
+
+
+def test_baro_ramp_is_blamed_within_three_seconds() -> None:
+    made = flight()
+    elapsed_s = made.elapsed_s(made.tables[Kind.PRESSURE]["time_us"])
+    ramp_m = np.clip(elapsed_s - 120.0, 0.0, 60.0)
+    made.tables[Kind.PRESSURE]["pressure_pa"] *= 1.0 - ramp_m * 1.2e-4
+    (onset_s, fault), *_ = blamed(made)
+    assert fault == Fault.BAROMETER
+    assert onset_s - 120.0 <= 3.0
+    assert np.abs(fly(made)[1][3000:]).max() < 4.0
+
+
+def test_frozen_barometer_in_a_climb() -> None:
+    made = flight()
+    chosen = made.within(Kind.PRESSURE, 40.0, 75.0)
+    pressures = made.tables[Kind.PRESSURE]["pressure_pa"]
+    pressures[chosen] = pressures[np.flatnonzero(chosen)[0]]
+    (onset_s, fault), (back_s, _) = blamed(made)
+    assert fault == Fault.BAROMETER
+    assert onset_s - 40.0 <= 1.0
+    assert back_s <= 75.0 + 15.0
+
+
+def test_noise_and_spikes_of_the_barometer_are_nobodys_fault() -> None:
+    rng = np.random.default_rng(1)
+    noisy = flight().change(Kind.PRESSURE, "pressure_pa", lambda p: p + rng.normal(0, 10.0, p.shape), 120.0, 180.0)
+    spiky = flight().change(Kind.PRESSURE, "pressure_pa", lambda p: np.where(rng.random(p.shape) < 0.01, p - 500, p))
+    for made in (noisy, spiky):
+        assert blamed(made) == []
+        assert np.abs(fly(made)[1][3000:]).max() < 4.0
+
+
+def test_gnss_step_is_excluded_and_stays_so_while_it_is_wrong() -> None:
+    made = flight().change(Kind.GNSS, "altitude_amsl_m", lambda h: h + 30.0, 120.0, 220.0)
+    (onset_s, fault), (back_s, _) = blamed(made)
+    assert fault == Fault.GNSS
+    assert onset_s - 120.0 <= 1.5
+    assert 220.0 <= back_s <= 230.0
+    _, error, elapsed_s = fly(made)
+    assert np.abs(error[elapsed_s > 60.0]).max() < 6.0
+
+
+def test_weather_is_nobodys_fault() -> None:
+    """A pressure fall of 0.3 m/s, twice what the worst front does."""
+    made = flight()
+    elapsed_s = made.elapsed_s(made.tables[Kind.PRESSURE]["time_us"])
+    made.tables[Kind.PRESSURE]["pressure_pa"] *= 1.0 - 0.3 * np.clip(elapsed_s - 100.0, 0.0, None) * 1.2e-4
+    assert blamed(made) == []
+    estimates, error, after_s = fly(made)
+    assert np.abs(error[after_s > 60.0]).max() < 8.0
+    assert estimates["baro_rate_mps"][-1] == pytest.approx(0.3, abs=0.1)
+
+
+def test_wrong_imu_is_blamed_by_the_two_others() -> None:
+    made = flight()
+    force = made.tables[Kind.IMU]["specific_force_b_mps2"]
+    force[made.within(Kind.IMU, 120.0, 150.0), 2] -= 2.0
+    found = [(seconds, fault) for seconds, fault in blamed(made) if fault == Fault.IMU]
+    assert found
+    assert found[0][0] - 120.0 <= 5.0
+    _, error, elapsed_s = fly(made)
+    assert np.abs(error[elapsed_s > 160.0]).max() < 4.0
+
+
+def with_spares(made: Flight, kind: Kind, offset: Any) -> Flight:
+    """With a second instance of a sensor, a millisecond later and by `offset` different."""
+    table = made.tables[kind]
+    spare = table.copy()
+    spare["instance"], spare["time_us"] = 1, table["time_us"] + 1000
+    name = "pressure_pa" if kind is Kind.PRESSURE else "altitude_amsl_m"
+    spare[name] += offset
+    both = np.concatenate([table, spare])
+    made.tables[kind] = both[np.argsort(both["time_us"], kind="stable")]
+    return made
+
+
+def test_second_receiver_stands_in() -> None:
+    made = with_spares(flight(), Kind.GNSS, 4.0)
+    table = made.tables[Kind.GNSS]
+    wrong = (table["instance"] == 0) & made.within(Kind.GNSS, 120.0, 260.0)
+    table["altitude_amsl_m"][wrong] += 40.0
+    estimates, error, elapsed_s = fly(made)
+    assert np.abs(error[elapsed_s > 60.0]).max() < 5.0
+    assert estimates["altitude_sd_m"][-1] < 3.5
+
+
+def test_second_barometer_stands_in() -> None:
+    made = with_spares(flight(), Kind.PRESSURE, 50.0)
+    keep = (made.tables[Kind.PRESSURE]["instance"] == 1) | ~made.within(Kind.PRESSURE, 120.0, 260.0)
+    made.tables[Kind.PRESSURE] = made.tables[Kind.PRESSURE][keep]
+    estimates, error, elapsed_s = fly(made)
+    assert np.abs(error[elapsed_s > 60.0]).max() < 3.0
+    assert estimates["climb_sd_mps"][-1] < 0.3
+
+
+def test_height_above_takeoff_without_arming_is_that_of_the_first_climb() -> None:
+    made = flight()
+    estimates, _, elapsed_s = fly(made)
+    late = elapsed_s > 40.0
+    height = made.truth_m(estimates["time_us"]) - made.plan.start_m
+    assert rms((estimates["height_above_takeoff_m"] - height)[late]) < 1.0
+    assert np.isnan(estimates["height_above_takeoff_m"][elapsed_s < 15.0]).all()
+
+
+def test_height_above_takeoff_counts_from_arming() -> None:
+    made = flight()
+    status = made.tables[Kind.STATUS]
+    status["armed"] = made.elapsed_s(status["time_us"]) >= 10.0
+    estimates, _, elapsed_s = fly(made)
+    late = elapsed_s > 12.0
+    height = made.truth_m(estimates["time_us"]) - made.plan.start_m
+    assert rms((estimates["height_above_takeoff_m"] - height)[late]) < 0.8
+
+
+def test_protection_level_covers_and_grows_with_a_smaller_risk() -> None:
+    made = flight()
+    estimates, error, elapsed_s = fly(made)
+    late = elapsed_s > 30.0
+    assert (np.abs(error) < estimates["protection_level_m"])[late].all()
+    assert np.median(estimates["protection_level_m"][late]) < 25.0
+    safer, _, _ = fly(made, vb.VerticalBankSettings(integrity_risk_probability=1e-5))
+    assert (safer["protection_level_m"] > estimates["protection_level_m"])[late].all()
+
+
+@pytest.mark.parametrize("rate_per_h", [1e-1, 1e-3, 1e-5])
+def test_crossing_sigma_inverts_the_rate(rate_per_h: float) -> None:
+    k, time_s = vb.crossing_sigma(rate_per_h, 250.0), 250.0
+    rate = 3600.0 / time_s * 2.0 * k / np.sqrt(2.0 * np.pi) * np.exp(-0.5 * k * k)
+    assert rate == pytest.approx(rate_per_h, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_hours_of_the_model_are_estimated_consistently() -> None:
+    """Thirty hours of flight as the bank believes flights to be: NEES of height near 1, no false alarm."""
+    from tests.hours import fly as fly_hour
+    from tests.hours import hour
+
+    nees, exceeded = [], 0
+    for seed in range(30):
+        estimates, error, elapsed_s = fly_hour(hour(seed))
+        late = elapsed_s > 60.0
+        nees.append(np.mean((error[late] / estimates["altitude_sd_m"][late]) ** 2))
+        exceeded += bool((np.abs(error[late]) > estimates["protection_level_m"][late]).any())
+        assert not estimates["faulty"].any()
+    assert 0.7 < np.mean(nees) < 1.4
+    assert exceeded <= 2  # 0.03 allocated; the mixture's tails are heavier than its Gaussian

@@ -41,6 +41,8 @@ Modules
 ==================  ===================================================================================
 ``samples``         the records: samples, estimates, verdicts, `SampleLog`
 ``atmosphere``      standard atmosphere both ways, geopotential height, Kollsman correction
+``earth``           normal gravity
+``attitude``        roll and pitch, ours or the vehicle's: the vertical acceleration; whether the IMU is fast enough
 ``estimators``      ``ESTIMATORS``: one file per published system
 ``mavlink``         codec (bytes <-> messages), convert (messages -> samples), identity, outputs
 ``intake``          what live and replay share before an estimator: vehicle clock, reboots, screening

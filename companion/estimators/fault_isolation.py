@@ -1,7 +1,8 @@
 """Which of two integrated altimeters is at fault, and the datum that the healthy ones share (`integrated_altimeters`).
 
-An altimeter is in doubt when prob(1/i), averaged over a few seconds, is below 0.5, and until the two agree again; when
-they part without that, it is the barometer, unless GNSS had jumped. The paper recommends IBIG while nothing is in
+An altimeter is in doubt when prob(1/i), averaged over a few seconds, is below 0.5, and until the two agree again. When
+they part after one has jumped it is that one, when they part fast it is the barometer; when they part slowly, weather
+or temperature have moved the barometer's datum. The paper recommends IBIG while nothing is in
 doubt, the healthy one of two, and IBIG again when both are in doubt.
 """
 
@@ -13,21 +14,27 @@ from companion.jit import step
 from companion.samples import Rows
 
 DOUBT_S = 60.0
-APART_S = 10.0
+"""An altimeter that still disagrees after this time is believed: the difference is a new datum."""
 APART_SIGMAS = 3.0
+"""How far apart two altimeters do not agree."""
+APART_S, DRIFT_SIGMAS, FAST_SIGMAS = 10.0, 2.0, 6.0
+"""Parted for so long and so far without an alarm they have drifted; further, it is too fast for weather."""
 JUMP_NORMAL = 0.9
 """The altimeter whose prob(1/i) was below this when the two parted is the one that moved; weather does not jump."""
+YOUNG_S = 20.0
+"""A datum of this age is no evidence yet."""
 SETTLE_S = 5.0
 """For so long a new datum is a plain mean."""
 CORRELATED_SHARE = 0.5
 """Of the variance of a GNSS height: what changes too slowly to average out."""
+NOBODY = -1
 TRUST_IBIG, TRUST_IBI, TRUST_IIG, TRUST_NEITHER = 0, 1, 2, 3
 """Neither is both doubts added: then the fused one again, as the paper has it."""
 
 ISOLATION_FIELDS: tuple[tuple[Any, ...], ...] = (
     ("doubt_s", "f8", (2,)),  # for how long the altimeter stays in doubt
     ("apart_s", "f8"),  # for how long the altimeters have been apart
-    ("suspect", "i8"),  # which of them it is then
+    ("suspect", "i8"),  # which of them had jumped then
     ("trust", "i8"),  # TRUST_IBIG ...
     ("trust_us", "i8"),  # since when
     ("reference_m", "f8"),  # barometer less altitude
@@ -42,7 +49,7 @@ def isolation_start(state: Rows) -> None:
     """No doubt, no datum."""
     s = state[0]
     s.apart_s = 0.0
-    s.suspect = IBI
+    s.suspect = NOBODY
     s.trust = TRUST_IBIG
     s.trust_us = -1
     s.reference_m = math.nan
@@ -61,9 +68,10 @@ def expected_apart_m(state: Rows) -> float:
 def isolate(state: Rows, T: float) -> None:
     """Which altimeter to trust, as the paper's conclusions recommend."""
     s = state[0]
-    apart = False
+    sigmas = 0.0
     if s.runs[IBI] == 1 and s.runs[IIG] == 1:
-        apart = abs(s.height_m[IBI] - s.height_m[IIG]) > APART_SIGMAS * expected_apart_m(state)
+        sigmas = abs(s.height_m[IBI] - s.height_m[IIG]) / expected_apart_m(state)
+    apart = sigmas > APART_SIGMAS
     for k in range(2):
         doubted = s.doubt_s[k] > 0.0
         if s.normal[k] < 0.5:
@@ -72,17 +80,33 @@ def isolate(state: Rows, T: float) -> None:
             s.doubt_s[k] = max(0.0, s.doubt_s[k] - T) if apart else 0.0
         if doubted and apart and s.doubt_s[k] == 0.0:
             s.reference_age_s = 0.0  # it stays apart: a new datum
-    nobody = s.doubt_s[IBI] == 0.0 and s.doubt_s[IIG] == 0.0
-    if s.apart_s == 0.0:
-        jumped = s.normal[IIG] < JUMP_NORMAL and s.normal[IIG] < s.normal[IBI]
-        s.suspect = IIG if jumped else IBI
-    s.apart_s = s.apart_s + T if apart and nobody and s.reference_age_s > 0.0 else 0.0
-    if s.apart_s >= APART_S:
-        s.doubt_s[s.suspect] = DOUBT_S
+    part(state, T, sigmas)
     before = s.trust
     s.trust = (TRUST_IIG if s.doubt_s[IBI] > 0.0 else 0) + (TRUST_IBI if s.doubt_s[IIG] > 0.0 else 0)
     if s.trust != before:
         s.trust_us = s.now_us
+
+
+@step
+def part(state: Rows, T: float, sigmas: float) -> None:
+    """Two altimeters that part without an alarm: a fault if one had jumped or it goes fast, else weather.
+
+    Weather, and a datum that is too young to be evidence, is followed at once.
+    """
+    s = state[0]
+    alarmed = s.doubt_s[IBI] > 0.0 or s.doubt_s[IIG] > 0.0
+    if s.apart_s == 0.0:
+        jumped = IIG if s.normal[IIG] < s.normal[IBI] else IBI
+        s.suspect = jumped if s.normal[jumped] < JUMP_NORMAL else NOBODY
+    s.apart_s = s.apart_s + T if sigmas > DRIFT_SIGMAS and not alarmed and s.reference_age_s > 0.0 else 0.0
+    if s.apart_s >= APART_S:
+        if s.suspect == NOBODY and sigmas > FAST_SIGMAS:
+            s.suspect = IBI
+        if s.reference_age_s > YOUNG_S and s.suspect != NOBODY:
+            s.doubt_s[s.suspect] = DOUBT_S
+        else:
+            s.reference_age_s = 0.0
+        s.apart_s = 0.0
 
 
 @step

@@ -234,7 +234,7 @@ def correct_errors(state: Rows, params: Rows, T: float) -> None:
         if s.runs[k] == 1:
             estimate_errors(state, params, k, T)
     isolate(state, T)
-    heard = min(s.last_us[PRESSURE, 0], s.last_us[GNSS, 0]) > s.now_us - FRESH_US
+    heard = min(s.last_us[PRESSURE, 0], s.last_us[GNSS, 0]) > max(0, s.now_us - FRESH_US)
     if heard and s.runs[IBI] == 1 and s.runs[IIG] == 1 and s.trust == TRUST_IBIG:
         align_datum(state, params, T)
 

@@ -41,11 +41,12 @@ Departures
   the receiver claims, and the paper's 2.23 m at least.
 - The paper's "central processing unit" aligns the datum of the barometer with that of the inertial channel. Here it
   is the running mean of barometer less IIG height over ``reference_s``, for as long as correlated GNSS errors last
-  (300 s); it stands still while one altimeter is in doubt. A difference that outlasts the doubt is a new datum.
+  (300 s); a large difference moves it little. It stands still while one altimeter is in doubt, and begins anew when a
+  difference outlasts the doubt, or grows beyond 2 sigma for 10 s as slowly as weather and climbs make it grow.
 - When both altimeters refuse their measurements twice in the same direction, it is the IMU: both re-acquire. The
   paper's scenario 3, the same bias on both sensors at once, looks alike.
 - Fault isolation: an altimeter is in doubt when prob(1/i), averaged over 3 s, is below 0.5, and then until the two
-  agree again, for 60 s at most. When they drift apart without that it is the barometer, unless GNSS had jumped.
+  agree again, for 60 s at most. When they part without that it is the one that has jumped, or the barometer if fast.
 - Without an IMU that can be integrated (below about 10 Hz, silent for 0.5 s, attitude unknown; slow samples are
   IGNORED) the acceleration is unknown: 2 m/s2 for 2 s, R has no sigma_INS, and the robust gain refuses no
   more than one iteration. IBI then follows the barometer, IIG GNSS.
@@ -54,8 +55,9 @@ Departures
 Breaks when
 -----------
 The air is warmer or colder than standard and the vehicle climbs, or weather changes: IBIG keeps its share of the
-barometer's error until the datum has followed. A fault that grows slower than 3 sigma in an iteration is never seen. A
-fault below about 20 m passes the robust gain in part, bends the climb, and is worse than with the optimal gain.
+barometer's error until the datum has followed. GNSS that drifts, or is wrong by less than 4 sigma, takes the datum
+along. A fault below about 20 m passes the robust gain in part, bends the climb, and is worse than with the optimal
+gain. Preset ``paper`` on a small IMU: it believes an accelerometer that is wrong by 0.1 m/s2, by tens of metres.
 """
 
 import math

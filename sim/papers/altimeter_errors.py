@@ -33,6 +33,7 @@ ITERATIONS = 600
 FIRST_FAULTY, LAST_FAULTY = 200, 400
 START_SD = (3.0, 0.05, 1e-3, 1e-3, 1.0)
 """Of (8) at the start: sigma_INS and sigma_B of Table 1; the paper gives no other."""
+KNOWN_S = 1e9
 NORMAL, BIASED, NOISY = 0, 1, 2
 """Measuring normally, CBM, MNI."""
 ALTIMETERS = ("IBI", "IIG", "IBIG", "recommended")
@@ -125,6 +126,7 @@ def set_out(state: Rows, params: Rows, truth: Array, draw: Array) -> None:
     """Both channels at the same erroneous start; the filters know its spread."""
     s = state[0]
     s.inertial, s.sigma_gps_m, s.now_us = 1, params[0].sigma_GPS, 0
+    s.reference_age_s = KNOWN_S  # barometer and GPS have one datum
     for k in range(2):
         begin(state, params, k, 0.0)
         s.P[k, 0, 0] = START_SD[0] ** 2

@@ -51,10 +51,10 @@ def course(time_s: Array) -> tuple[Array, Array]:
 
 @pytest.mark.parametrize("gains", [PAPER, (1.2, 1.0, 0.1), (0.5, 0.1, 0.01)])
 def test_fast_sensors_give_the_differential_equation(gains: Gains) -> None:
-    """Error proportional to the interval, and small at 200 Hz."""
+    """Error proportional to the interval, and small at 100 Hz."""
     worst = []
-    for interval_s in (0.01, 0.005):
-        time_s = np.arange(0.0, 60.0, interval_s)
+    for interval_s in (0.02, 0.01):
+        time_s = np.arange(0.0, 40.0, interval_s)
         baro_m, force = course(time_s)
         system = (
             matrix(gains),
@@ -65,7 +65,7 @@ def test_fast_sensors_give_the_differential_equation(gains: Gains) -> None:
         _, expected, _ = lsim(system, np.stack([baro_m, force], axis=1), time_s, X0=[baro_m[0], 0.0, 0.0])
         found = feed(gains, time_s, baro_m, force, every=1)
         worst.append(float(np.abs(found - expected[:, :2]).max()))
-    assert worst[1] < 0.02
+    assert worst[1] < 0.04
     assert worst[1] < 0.6 * worst[0]
 
 
@@ -105,7 +105,7 @@ def test_slow_barometer_does_not_lag_behind_a_climb(baro_s: float) -> None:
 
 def test_genetic_search_against_all_strings() -> None:
     """Within 5 % of the least cost of all 32768 strings from any seed, and often the least itself."""
-    trial = tuning.Flight(flight(duration_s=60.0, imu_hz=20.0, pressure_hz=5.0, gnss_hz=2.0).log())
+    trial = tuning.Flight(flight(duration_s=40.0, imu_hz=15.0, pressure_hz=5.0, gnss_hz=2.0).log())
     costs = np.array([trial.cost(tuning.decode(string)) for string in range(2**tuning.STRING_BITS)])
     found = [
         tuning.search(lambda string: float(costs[string]), np.random.default_rng(seed)).cost / costs.min()

@@ -78,7 +78,7 @@ def test_velocity_errors(drives: list[Drive]) -> None:
 
 def test_printed_gains_cost_more(drives: list[Drive]) -> None:
     """Independent implementation: 2.6-3.3 times the least. Ours 2.4 +- .6 over 20 drives, on the same kind of cost."""
-    ratios = paper.printed_over_least(drives[1:9])
+    ratios = paper.printed_over_least(drives[1:6])
     assert ratios.min() > 1.2
     assert np.mean(ratios) == pytest.approx(2.5, abs=0.5)
 

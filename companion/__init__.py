@@ -45,7 +45,8 @@ Modules
 ``attitude``        roll and pitch, ours or the vehicle's: the vertical acceleration; whether the IMU is fast enough
 ``estimators``      ``ESTIMATORS``: one file per published system
 ``mavlink``         codec (bytes <-> messages), convert (messages -> samples), identity, outputs
-``intake``          what live and replay share before an estimator: vehicle clock, reboots, screening
+``intake``          what live and replay share before an estimator: vehicle clock, reboots, latency
+``screening``       barometer against GNSS: which of them is impossible
 ``pipeline``        packets in, estimates and MAVLink frames out; deterministic
 ``health``          freshness and spread -> OK, DEGRADED, LOST
 ``links``           ``SCHEMES``: serial, UDP, TCP, memory

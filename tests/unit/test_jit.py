@@ -111,7 +111,7 @@ def test_only_caches_of_ours_are_ever_deleted(tmp_path: Path, monkeypatch: pytes
     [
         {"HOME": "{folder}/read-only"},
         {"KOLLSMAN_CACHE": "{folder}/closed", "XDG_CACHE_HOME": "/proc/none"},
-        pytest.param({"HOME": "/nowhere/at/all"}, marks=pytest.mark.slow),
+        pytest.param({"HOME": "{folder}/read-only/at/all"}, marks=pytest.mark.slow),
         pytest.param({"HOME": "/dev/null"}, marks=pytest.mark.slow),
         pytest.param({"XDG_CACHE_HOME": "{folder}/read-only", "HOME": "/dev/null"}, marks=pytest.mark.slow),
     ],

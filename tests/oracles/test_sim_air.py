@@ -7,7 +7,8 @@ import pytest
 from companion.errors import SimulationError
 from sim import STEP_HZ
 from sim.aircraft import G0_MPS2, Aircraft
-from sim.weather import PressurePoint, TemperaturePoint, Weather, WeatherConfig, Wind
+from sim.weather import PressurePoint, TemperaturePoint, Weather, WeatherConfig
+from sim.weather.fields import Wind
 
 # U.S. Standard Atmosphere 1976, table I (NOAA-S/T 76-1562): geometric altitude m, pressure Pa, temperature K.
 TABLE = [

@@ -11,6 +11,7 @@ from companion.estimators.ins_filter import (
     GATE,
     NORTH,
     SLOWEST_COURSE_MPS,
+    UNKNOWN_CLIMB_MPS,
     N,
     course_sd_rad,
     forget_error,
@@ -67,8 +68,8 @@ def correct_horizontal(state: Rows, params: Rows, sample: Rows, age_s: float, we
         if s.located == 0 or math.hypot(north_m, east_m) > far_m:
             move(s.position, north_m, east_m, 0.0)
             clear(s.track_us, s.track)
-            forget_error(s.P, NORTH, sd_m * sd_m)
-            forget_error(s.P, EAST, sd_m * sd_m)
+            forget_error(state, NORTH, sd_m * sd_m)
+            forget_error(state, EAST, sd_m * sd_m)
             s.located = 1
         else:
             for axis in range(2):
@@ -85,6 +86,9 @@ def _correct_velocity(state: Rows, params: Rows, time_us: int, north_mps: float,
     elapsed_s = (time_us - s.velocity_us) * 1e-6
     known = s.velocity_us >= 0 and elapsed_s < BLIND_S
     s.velocity_us = time_us
+    if s.inertial == 1 and not known:  # what was integrated without GNSS has lost attitude and climb: align anew
+        s.inertial, s.velocity_n_mps[DOWN] = 0, 0.0
+        forget_error(state, VELOCITY + DOWN, UNKNOWN_CLIMB_MPS * UNKNOWN_CLIMB_MPS)
     R = params[0].gnss_velocity_sd_mps * params[0].gnss_velocity_sd_mps
     if s.inertial == 1 and s.yaw_known == 0:
         R += YAWLESS_SD_MPS * YAWLESS_SD_MPS
@@ -93,7 +97,7 @@ def _correct_velocity(state: Rows, params: Rows, time_us: int, north_mps: float,
         value = north_mps if axis == NORTH else east_mps
         if not known:
             s.velocity_n_mps[axis] = value
-            forget_error(s.P, VELOCITY + axis, R)
+            forget_error(state, VELOCITY + axis, R)
             continue
         z = value - s.track_at[3 + axis]
         s.H[VELOCITY + axis] = 1.0

@@ -22,6 +22,7 @@ from companion.attitude import (
     tilt_sd_rad,
     up_is_known,
 )
+from companion.estimators.method import PRESSURE
 from companion.jit import step
 from companion.samples import Rows
 from companion.strapdown import (
@@ -51,6 +52,8 @@ LONGEST_COAST_S = 30.0
 """after a longer silence of everything, height and climb are unknown again"""
 BLIND_S = 60.0
 """without GNSS velocity for longer, the horizontal channel has left the truth and takes the attitude along"""
+ALONE_S = 600.0
+"""the same when there is no barometer either, and nothing better to do than to integrate on"""
 RUNAWAY_M = 30.0
 """how far height, and b after it, may have gone by then"""
 REST_US = 30_000_000
@@ -139,12 +142,14 @@ def begin(state: Rows, time_us: int, height_m: float) -> None:
 
 
 @step
-def forget_error(P: NDArray[Any], index: int, variance: float) -> None:
-    """One error starts anew, correlated with no other."""
+def forget_error(state: Rows, index: int, variance: float) -> None:
+    """One error starts anew, correlated with no other; what the present sample has found of it is void."""
+    P = state[0].P
     for k in range(N):
         P[index, k] = 0.0
         P[k, index] = 0.0
     P[index, index] = variance
+    state[0].dx[index] = 0.0
 
 
 @step
@@ -180,8 +185,8 @@ def _coast(state: Rows, params: Rows, dt_s: float) -> None:
     if dt_s > LONGEST_COAST_S:
         for axis in range(3):
             s.velocity_n_mps[axis] = 0.0
-            forget_error(s.P, POSITION + axis, UNKNOWN_M * UNKNOWN_M)
-            forget_error(s.P, VELOCITY + axis, UNKNOWN_MPS * UNKNOWN_MPS)
+            forget_error(state, POSITION + axis, UNKNOWN_M * UNKNOWN_M)
+            forget_error(state, VELOCITY + axis, UNKNOWN_MPS * UNKNOWN_MPS)
         s.P[VELOCITY + DOWN, VELOCITY + DOWN] = UNKNOWN_CLIMB_MPS * UNKNOWN_CLIMB_MPS
         s.located, s.velocity_us = 0, -1
         clear(s.track_us, s.track)
@@ -205,7 +210,9 @@ def carry(state: Rows, params: Rows, sample: Rows) -> None:
     """Carry the state on by an IMU sample; begin to do so when the attitude is known and GNSS shows the velocity."""
     s = state[0]
     dt_s = (sample[0].time_us - s.time_us) * 1e-6
-    if s.inertial == 1 and (dt_s > LONGEST_STEP_S or sample[0].time_us - s.velocity_us > BLIND_S * 1e6):
+    blind_s = (sample[0].time_us - s.velocity_us) * 1e-6
+    has_baro = sample[0].time_us - s.last_us[PRESSURE, 0] < BLIND_S * 1e6 and s.last_us[PRESSURE, 0] >= 0
+    if s.inertial == 1 and (dt_s > LONGEST_STEP_S or blind_s > (BLIND_S if has_baro else ALONE_S)):
         s.inertial = 0
     if s.inertial == 0:
         fresh = s.velocity_us >= 0 and sample[0].time_us - s.velocity_us < 2_000_000
@@ -300,9 +307,9 @@ def _align(state: Rows) -> None:
     for i in range(3):
         s.rate_bias_b_radps[i] = s.attitude_bias_b_radps[i]
         # An accelerometer bias tilts the level by bias / g.
-        forget_error(s.P, TILT + i, tilt_var + s.P[FORCE_BIAS + i, FORCE_BIAS + i] / 96.0)
-        forget_error(s.P, RATE_BIAS + i, s.attitude_bias_var)
-    forget_error(s.P, TILT + DOWN, UNKNOWN_YAW_SD_RAD * UNKNOWN_YAW_SD_RAD)
+        forget_error(state, TILT + i, tilt_var + s.P[FORCE_BIAS + i, FORCE_BIAS + i] / 96.0)
+        forget_error(state, RATE_BIAS + i, s.attitude_bias_var)
+    forget_error(state, TILT + DOWN, UNKNOWN_YAW_SD_RAD * UNKNOWN_YAW_SD_RAD)
     s.inertial, s.yaw_known, s.slip_s, s.sink_s = 1, 0, 0.0, 0.0
     if s.attitude_speed_mps > SLOWEST_COURSE_MPS:
         set_yaw(state, s.attitude_course_rad, course_sd_rad(s.attitude_speed_mps))
@@ -313,7 +320,7 @@ def set_yaw(state: Rows, yaw: float, sd_rad: float) -> None:
     """Turn the nose to `yaw` about the vertical."""
     s = state[0]
     turn_frame(s.quaternion, 0.0, 0.0, wrapped(yaw - yaw_rad(s.quaternion)))
-    forget_error(s.P, TILT + DOWN, sd_rad * sd_rad)
+    forget_error(state, TILT + DOWN, sd_rad * sd_rad)
     s.yaw_known = 1
 
 
@@ -329,11 +336,10 @@ def suspend(state: Rows, params: Rows) -> None:
     s, p, P = state[0], params[0], state[0].P
     s.inertial, s.slip_s, s.sink_s = 0, 0.0, 0.0
     s.rest_us = s.time_us + REST_US
-    forget_error(P, BARO_SCALE, p.baro_scale_sd_ratio * p.baro_scale_sd_ratio)
+    forget_error(state, BARO_SCALE, p.baro_scale_sd_ratio * p.baro_scale_sd_ratio)
     widen_common(P, RUNAWAY_M * RUNAWAY_M)
     for i in range(3):
         s.force_bias_b_mps2[i], s.rate_bias_b_radps[i] = 0.0, 0.0
-        s.dx[FORCE_BIAS + i], s.dx[RATE_BIAS + i] = 0.0, 0.0
-        forget_error(P, VELOCITY + i, UNKNOWN_CLIMB_MPS * UNKNOWN_CLIMB_MPS)
-        forget_error(P, FORCE_BIAS + i, p.accel_bias_sd_mps2 * p.accel_bias_sd_mps2)
-        forget_error(P, RATE_BIAS + i, p.gyro_bias_sd_radps * p.gyro_bias_sd_radps)
+        forget_error(state, VELOCITY + i, UNKNOWN_CLIMB_MPS * UNKNOWN_CLIMB_MPS)
+        forget_error(state, FORCE_BIAS + i, p.accel_bias_sd_mps2 * p.accel_bias_sd_mps2)
+        forget_error(state, RATE_BIAS + i, p.gyro_bias_sd_radps * p.gyro_bias_sd_radps)

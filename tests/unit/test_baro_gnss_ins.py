@@ -366,6 +366,18 @@ def test_a_long_silence_leaves_the_barometer_s_bias() -> None:
     assert 3.0 < estimates[-1]["altitude_sd_m"] < 12.0
 
 
+def test_fixes_come_back_after_minutes_of_the_imu_alone() -> None:
+    """What was integrated meanwhile has lost height, climb and attitude: all of it is known again in seconds."""
+    made = flight(duration_s=220.0).drop(Kind.PRESSURE, 50.0).drop(Kind.GNSS, 50.0, 200.0)
+    estimates, _, state = run_log(METHOD, made.log())
+    error = np.abs(estimates["altitude_amsl_m"] - made.truth_m(estimates["time_us"]))
+    elapsed = made.elapsed_s(estimates["time_us"])
+    lost = (elapsed > 150.0) & (elapsed < 199.0)
+    assert (error[lost] < 3.0 * estimates["altitude_sd_m"][lost]).all()
+    assert error[elapsed > 202.0].max() < 6.0
+    assert state[0]["inertial"] == 1
+
+
 def test_compiled_and_not_compiled_agree_bit_for_bit() -> None:
     code = (
         "import hashlib\nfrom companion.estimators.baro_gnss_ins import METHOD\n"

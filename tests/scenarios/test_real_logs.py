@@ -38,12 +38,12 @@ CASES = {
     "real/codelever_2013-10-13_16-58-51.tlog": Case("gnss", 600),  # MAVLink 1, gaps of 6 s
     "real/bruno_20211202-132614.tlog": Case("gnss", 450),  # 1 Hz
     "real/bruno_20211202-133659.tlog": Case("gnss", 20),  # begins at 0, 0, 0; ends in zeros
-    "real/bruno_20211123-010337.tlog": Case(None, 0),  # indoors: never a fix, alt -17 m
+    "real/bruno_20211123-010337.tlog": Case(None, 0, slow=True),  # indoors: never a fix, alt -17 m
     "real/bruno_20211125-124019.tlog": Case(None, 0),
     "real/pymavlink_swift_flight.tlog": Case("gnss", 6000, reboots=4, slow=True),
     "real/dronekit_flight_replay.tlog": Case("gnss", 2400, reboots=1),  # another dialect
     "real/lester_b_mav.tlog": Case("gnss", 1800),  # half pressure
-    "real/eagle_f759975_mav.tlog": Case("gnss", 2300),  # a companion as quadrotor
+    "real/eagle_f759975_mav.tlog": Case("gnss", 2300, slow=True),  # a companion as quadrotor
     "real/ardusub_small.tlog": Case("gnss", 400),  # injected position at 0 m, hull pressure 26 m off
     "real/SITL_wlichon_mixed_signed.tlog": Case("gnss", 300),
     "real/SITL_wlichon_twin_sysid2.tlog": Case("gnss", 65),

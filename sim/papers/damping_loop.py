@@ -257,9 +257,9 @@ def reproduce(seeds: int, out: Path, progress: Progress) -> Page:
         "three gains. Its claims are tried on a mountain road of our own: 1350 m to about 1950 m in five minutes, 15 K "
         "and -8 hPa off the standard at sea level; an accelerometer at 20 Hz (0.2 m/s2 bias, 0.1 m/s2 / 60 s "
         "Gauss-Markov, 0.1 m/s2 white), a barometer at 10 Hz (0.3 m white, 1 m / 60 s), GPS velocity at 1 Hz "
-        "(0.1 m/s). All of these are our assumptions; the accelerometer's errors "
-        "were chosen among several sets as those that come nearest to the published reference figures, so that agreement "
-        "of the velocity errors below is no evidence by itself."
+        "(0.1 m/s). All of these are our assumptions; the accelerometer's errors were chosen among several sets as "
+        "those that come nearest to the published reference figures, so that agreement of the velocity errors below "
+        "is no evidence by itself."
     )
     _atmosphere(page, drives)
     _loop(page, tuned.best)

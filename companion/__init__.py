@@ -41,7 +41,10 @@ Modules
 ==================  ===================================================================================
 ``samples``         the records: samples, estimates, verdicts, `SampleLog`
 ``atmosphere``      standard atmosphere both ways, geopotential height, Kollsman correction
-``earth``           normal gravity
+``earth``           the ellipsoid: normal gravity, radii, rotation
+``strapdown``       inertial navigation north-east-down, and how its errors grow
+``track``           the past of a moving state, for fixes that come late
+``spikes``          a gate against spikes of a barometer that follows its trend
 ``attitude``        roll and pitch, ours or the vehicle's: the vertical acceleration; whether the IMU is fast enough
 ``estimators``      ``ESTIMATORS``: one file per published system
 ``mavlink``         codec (bytes <-> messages), convert (messages -> samples), identity, outputs

@@ -55,7 +55,7 @@ def weather_rate(settings: vb.VerticalBankSettings, rng: np.random.Generator, se
 def hour(seed: int, seconds: int = 3600, gnss_sd_m: float = 4.24, baro_hz: int = 5) -> Hour:
     """A healthy flight."""
     settings, rng = vb.VerticalBankSettings(), np.random.default_rng(seed)
-    elapsed_s = np.arange(round(seconds / STEP_S)) * STEP_S
+    elapsed_s: Array = np.arange(round(seconds / STEP_S), dtype=np.float64) * STEP_S
     height = smooth(profile(rng, elapsed_s), 5.0)
     climb = np.gradient(height, STEP_S)
     acceleration = np.gradient(climb, STEP_S)

@@ -18,7 +18,7 @@ test: lint              ## lint, types, import rules and the default tests (extr
 	$(BIN)/python -m pytest -q
 
 test-slow: $(VENV)/.dev ## end-to-end and Monte-Carlo tests
-	$(BIN)/python -m pytest -q -m slow
+	$(BIN)/python -m pytest -q -m slow -n 2
 
 lint: $(VENV)/.dev      ## ruff, mypy --strict, import rules
 	$(BIN)/ruff check .

@@ -18,6 +18,8 @@ from companion.samples import DTYPES, ESTIMATE, ORDER, Kind, Rows, Tables, reada
 Array = NDArray[np.float64]
 LATITUDE_DEG = 45.0
 STEP_S = 0.1
+AGE_US = {Kind.IMU: 2_000, Kind.PRESSURE: 63_000, Kind.GNSS: 170_000}
+"""when a row arrives: pressures and fixes after IMU samples that are newer than they are, as on a real link"""
 START_S = 30.0
 
 
@@ -117,7 +119,7 @@ def fly(made: Hour, settings: vb.VerticalBankSettings | None = None) -> tuple[Ro
     params = (settings or vb.VerticalBankSettings()).params()
     state = vb.METHOD.init(params)
     kinds = (Kind.IMU, Kind.PRESSURE, Kind.GNSS)
-    times = np.concatenate([made.tables[kind]["time_us"] for kind in kinds])
+    times = np.concatenate([made.tables[kind]["arrival_us"] for kind in kinds])
     order = np.zeros(times.size, ORDER)
     order["kind"] = np.concatenate([np.full(made.tables[kind].size, int(kind)) for kind in kinds])
     order["row"] = np.concatenate([np.arange(made.tables[kind].size) for kind in kinds])
@@ -134,5 +136,5 @@ def fly(made: Hour, settings: vb.VerticalBankSettings | None = None) -> tuple[Ro
 def _table(kind: Kind, elapsed_s: Array) -> Rows:
     table = np.asarray(rows(DTYPES[kind], elapsed_s.size))
     table["time_us"] = np.round((elapsed_s + START_S) * 1e6).astype(np.int64)
-    table["arrival_us"] = table["time_us"]
+    table["arrival_us"] = table["time_us"] + AGE_US[kind]
     return table

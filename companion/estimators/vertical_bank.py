@@ -117,6 +117,7 @@ from companion.estimators.vertical_mixture import (
     known_displacement,
     mixture_fields,
     mixture_start,
+    note_tilt,
     take_acceleration,
 )
 from companion.estimators.vertical_spares import (
@@ -166,6 +167,7 @@ PARAMS = np.dtype(
         ("vehicle_attitude", "i8"),
         ("accel_noise_mps2", "f8"),
         ("blind_noise_mps2", "f8"),
+        ("tilt_ratio", "f8"),
         ("accel_bias_sd_mps2", "f8"),
         ("accel_bias_walk_mps2", "f8"),
         ("offset_sd_m", "f8"),
@@ -203,6 +205,8 @@ class VerticalBankSettings(Settings):
     """white noise of the upward acceleration in the mean of a second, vibration and attitude included"""
     blind_noise_mps2: float = Field(1.5, gt=0, le=100)
     """the same without IMU: manoeuvres"""
+    tilt_ratio: float = Field(0.0, ge=0, le=10)
+    """noise that a wrong attitude adds while the horizontal force changes, as a share of what its spread says"""
     accel_bias_sd_mps2: float = Field(0.2, ge=0, le=10)
     """of a consumer accelerometer after warm-up, and a tilt of some degrees"""
     accel_bias_walk_mps2: float = Field(2e-3, ge=0, le=1)
@@ -322,6 +326,7 @@ def on_imu(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         verdict, up_mps2 = GATED, math.nan
         if s.filter_us - s.blamed_us[INERTIAL] > IMU_PENALTY_US:
             s.blamed_us[INERTIAL] = -1
+    note_tilt(state, sample)
     take_acceleration(state, params, time_us, up_mps2)
     if s.filter_us >= 0 and time_us - s.filter_us >= OUTPUT_US:
         advance(state, params, time_us)

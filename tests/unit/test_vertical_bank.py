@@ -94,6 +94,15 @@ def test_late_fixes_meet_their_own_time() -> None:
     assert abs(apart) < 0.15
 
 
+@pytest.mark.parametrize("pressure_hz", [0.0, 20.0])
+def test_inertial_integrals_belong_to_the_instant_of_the_channels(pressure_hz: float) -> None:
+    """A biased accelerometer integrates to 80 m/s; taken for another instant by 10 ms, that would be 0.8 m."""
+    straight, biased = (flight(pressure_hz=pressure_hz, force_bias_mps2=bias) for bias in (0.0, 0.3))
+    (one, _, elapsed_s), (other, _, _) = fly(straight), fly(biased)
+    apart = (other["altitude_amsl_m"] - one["altitude_amsl_m"])[elapsed_s > 200.0]
+    assert abs(np.mean(apart)) < 0.15
+
+
 def test_lasting_baro_step_is_learned() -> None:
     made = flight().change(Kind.PRESSURE, "pressure_pa", lambda p: p - 170.0, 120.0)  # 15 m
     _, error, elapsed_s = fly(made)

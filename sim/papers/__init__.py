@@ -12,7 +12,6 @@ holds and what does not (`sim.papers.page`). Adding a paper is that module and a
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -87,5 +86,5 @@ _PAPERS = (
     ),
 )
 
-PAPERS: dict[str, Paper] = {paper.key: paper for paper in _PAPERS if find_spec(f"{__name__}.{paper.module}")}
-"""By key letter; papers whose module does not exist yet are left out."""
+PAPERS: dict[str, Paper] = {paper.key: paper for paper in _PAPERS}
+"""By key letter."""

@@ -420,7 +420,7 @@ def _draw_temperature(page: Page) -> None:
         laws: tuple[tuple[Law, str], ...] = (("printed", OTHER), ("linear", FUSED), ("exact", INERTIAL))
         for law, colour in laws:
             axes.plot(warmer, [temperature_alone_m(law, kelvin) for kelvin in warmer.tolist()], color=colour, label=law)
-        axes.set(xlabel="warmer than standard (K)", ylabel="error (m)")
+        axes.set(title="error (m)", xlabel="warmer than standard (K)")
         axes.legend()
 
 

@@ -337,7 +337,7 @@ def _draw_gate(page: Page) -> None:
     with page.figure("gate", caption) as axes:
         for name, good, colour in gates:
             axes[0].plot(times_s, np.cumsum(~good), color=colour, label=name)
-        axes[0].set(yscale="log", ylim=(0.8, 8000), xlabel="time (s)", ylabel="rejected")
+        axes[0].set(yscale="log", ylim=(0.8, 8000), xlabel="time (s)", title="samples rejected so far")
         axes[0].legend()
 
 
@@ -653,5 +653,5 @@ def _draw_outage(page: Page, outage: Outage) -> None:
         for second in (LOST_S, FOUND_S):
             axes[0].axvline(second, color=BOUND, linestyle="--", linewidth=0.8)
         axes[0].axhline(math.sqrt(18.0), color=GNSS, linewidth=0.8, linestyle=":", label="a single fix")
-        axes[0].set(yscale="log", ylim=(0.5, 3000), xlabel="time (s)", ylabel="RMS error (m)")
+        axes[0].set(yscale="log", ylim=(0.5, 3000), xlabel="time (s)", title="RMS error (m)")
         axes[0].legend()

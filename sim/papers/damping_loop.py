@@ -300,8 +300,7 @@ def _atmosphere(page: Page, drives: list[Drive]) -> None:
         for error_m in circular_m:
             axes[0].axhline(error_m, color=OTHER, linestyle="--", linewidth=0.8)
         axes[0].plot([], [], color=OTHER, linestyle="--", label="what (5) adds on a standard day")
-        axes[0].set_xlabel("s")
-        axes[0].set_ylabel("m")
+        axes[0].set(title="altitude error (m)", xlabel="time (s)")
         axes[0].set_ylim(-110.0, 140.0)
         axes[0].legend(ncols=3)
 
@@ -334,19 +333,19 @@ def _loop(page: Page, best: Gains) -> None:
         ],
     )
     euler_radius = np.abs(1.0 + np.outer([real, slow], intervals_s)).max(axis=0)
-    caption = "Poles of the loop (1/s), and spectral radius of a step of it by its length (s)."
+    caption = "Poles of the loop, and spectral radius of a step of it by its length: above 1 it is unstable."
     with page.figure("poles", caption, columns=2) as axes:
         for gains, colour, label in ((PRINTED_GAINS, OTHER, "gains (10)"), (best, FUSED, "best gains")):
             found = np.array(tuning.loop_poles(gains))
             axes[0].plot(found.real, found.imag, "x", color=colour, label=label)
         axes[0].axhline(0.0, color=BOUND, linewidth=0.8)
         axes[0].axvline(0.0, color=BOUND, linewidth=0.8)
+        axes[0].set(title="poles", xlabel="real part (1/s)", ylabel="imaginary part (1/s)")
         axes[0].legend()
         axes[1].semilogx(intervals_s, euler_radius, color=OTHER, label="gains (10), forward Euler")
         axes[1].semilogx(intervals_s, exact, color=FUSED, label="gains (10), ours")
         axes[1].axhline(1.0, color=BOUND, linewidth=0.8)
-        axes[1].set_xlim(0.02, 10.0)
-        axes[1].set_ylim(0.5, 1.5)
+        axes[1].set(title="spectral radius of a step", xlabel="step (s)", xlim=(0.02, 10.0), ylim=(0.5, 1.5))
         axes[1].legend()
 
 
@@ -377,7 +376,7 @@ def _genetic(page: Page, tuned: Tuned, printed_ratios: Array) -> None:
         axes[0].axhline(1.0, color=TRUTH, linewidth=0.8, label="exhaustive search")
         axes[0].set_ylim(0.995, 1.2)
         axes[0].set_xlim(0, 40)
-        axes[0].set_xlabel("generation")
+        axes[0].set(title="cost over the least of all", xlabel="generation")
         axes[0].legend()
 
 
@@ -412,10 +411,9 @@ def _comparison(page: Page, drives: list[Drive], best: Gains, noise: float) -> N
         for axis, names in ((axes[0], (PRINTED_LOOP, BEST_LOOP)), (axes[1], (KF_3, KF_4))):
             for name, colour in zip(names, (OTHER, FUSED) if axis is axes[0] else (INERTIAL, GNSS), strict=True):
                 axis.plot(drives[0].time_s, ways[name](drives[0])[1] - drives[0].climb_mps, color=colour, label=name)
-            axis.set_ylabel("m/s")
-            axis.set_ylim(-1.5, 1.5)
+            axis.set(title="velocity error (m/s)", ylim=(-1.5, 1.5))
             axis.legend(ncols=2)
-        axes[1].set_xlabel("s")
+        axes[1].set_xlabel("time (s)")
 
 
 def _rms(values: Array) -> float:

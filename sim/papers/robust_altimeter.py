@@ -249,7 +249,7 @@ def _add_sweep(page: Page, draws: Array) -> None:
     with page.figure("bias", caption) as axes:
         for name, colour in zip(list(KINDS)[:3], (BOUND, OTHER, FUSED), strict=True):
             axes[0].plot(BIASES_M, [iig for _, iig in means[name]], marker="o", color=colour, label=name)
-        axes[0].set(xlabel="bias, m", ylabel="mean |error|, m")
+        axes[0].set(title="mean |error| (m)", xlabel="bias (m)")
         axes[0].legend(loc="upper left")
 
 
@@ -282,9 +282,9 @@ def _add_lock_out(page: Page, draws: Array) -> None:
             axes[0].plot(time_s, np.abs(result.errors_m[0, :, 1]), color=colour, label=name)
             if result is not optimal:
                 axes[1].plot(time_s, result.probability[0, :, 1], color=colour)
-        axes[0].set(yscale="symlog", ylabel="|error|, m")
+        axes[0].set(yscale="symlog", title="|error| (m)")
         axes[0].legend()
-        axes[1].set(xlabel="s", ylabel="prob(1/i)")
+        axes[1].set(xlabel="time (s)", title="prob(1/i)")
 
 
 def _property_rows(outcome: Outcome, draws: Array) -> list[Row]:
@@ -402,6 +402,6 @@ def _draw_scenarios(page: Page, outcome: Outcome) -> None:
             axis.set_title(title.split(": ")[1])
         axes[0].legend(ncols=3)
         for axis in axes[-2:]:
-            axis.set_xlabel("s")
+            axis.set_xlabel("time (s)")
         for axis in axes[::2]:
-            axis.set_ylabel("error, m")
+            axis.set_ylabel("error (m)")

@@ -1,0 +1,74 @@
+"""How well an estimator names the sensor that is wrong: when, whom, and whether without a reason."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.evaluation.metrics import Array
+from companion.samples import Fault
+
+Accusations = NDArray[np.int64]
+"""field ``faulty`` of the estimates: `companion.samples.Fault` as numbers, shape (n,)"""
+
+
+@dataclass(frozen=True)
+class Detection:
+    """What became of one fault; a time that never came is NaN."""
+
+    delay_s: float
+    """from the onset until the right sensor is named"""
+    since_error_s: float
+    """claimed onset (``faulty_since_us``) when it is first named - true onset"""
+    named_share: float
+    """of the estimates while the fault lasts: those that name the right sensor"""
+    wrong_share: float
+    """those that name another one"""
+    cleared_s: float
+    """from the end of the fault until nothing is accused any more; NaN too when nothing was accused at its end"""
+
+    @property
+    def detected(self) -> bool:
+        return math.isfinite(self.delay_s)
+
+
+def detection(
+    times_us: Array, faulty: Accusations, since_us: Array, onset_us: float, end_us: float, sensor: Fault
+) -> Detection:
+    """Judge the accusations while `sensor` is wrong, from `onset_us` until before `end_us` (``math.inf``: to the end).
+
+    `times_us`, `faulty`, `since_us`: time and fields of the estimates, shape (n,), in order of time on one clock.
+    """
+    lasts = (times_us >= onset_us) & (times_us < end_us)
+    right = lasts & (faulty == sensor)
+    wrong = lasts & (faulty != sensor) & (faulty != Fault.NONE)
+    count = np.count_nonzero(lasts)
+    first = int(np.argmax(right)) if right.any() else None
+    return Detection(
+        delay_s=math.nan if first is None else float(times_us[first] - onset_us) * 1e-6,
+        since_error_s=math.nan if first is None else float(since_us[first] - onset_us) * 1e-6,
+        named_share=np.count_nonzero(right) / count if count else math.nan,
+        wrong_share=np.count_nonzero(wrong) / count if count else math.nan,
+        cleared_s=_cleared_s(times_us, faulty, lasts, end_us),
+    )
+
+
+def _cleared_s(times_us: Array, faulty: Accusations, lasts: NDArray[np.bool_], end_us: float) -> float:
+    if not lasts.any() or faulty[lasts][-1] == Fault.NONE:
+        return math.nan
+    clear = (times_us >= end_us) & (faulty == Fault.NONE)
+    return float(times_us[np.argmax(clear)] - end_us) * 1e-6 if clear.any() else math.nan
+
+
+def false_alarms(times_us: Array, faulty: Accusations, windows_us: Sequence[tuple[float, float]] = ()) -> int:
+    """How many accusations begin outside all of `windows_us` (onset, end), when no sensor was wrong.
+
+    An accusation begins where ``faulty`` changes to a sensor; one that outlasts a fault is late, not false.
+    """
+    before = np.concatenate([[Fault.NONE], faulty[:-1]])
+    begins = (faulty != Fault.NONE) & (faulty != before)
+    for onset_us, end_us in windows_us:
+        begins &= (times_us < onset_us) | (times_us >= end_us)
+    return int(np.count_nonzero(begins))

@@ -27,23 +27,9 @@ from companion.atmosphere import geopotential_m, standard_pressure_pa
 from companion.estimators.adaptive_fusion import METHOD, AdaptiveFusionSettings, adaptive_factor, gain
 from companion.estimators.method import run_log
 from companion.samples import Kind, Rows, SampleLog, sample
+from sim.page import BARO, BOUND, FUSED, GNSS, OTHER, Spread, Value, generators, spread
 from sim.papers import Progress
-from sim.papers.page import (
-    BARO,
-    BOUND,
-    FUSED,
-    GNSS,
-    OTHER,
-    Page,
-    Row,
-    Spread,
-    Value,
-    Verdict,
-    compare,
-    generators,
-    holds,
-    spread,
-)
+from sim.papers.page import Page, Row, Verdict, compare, holds
 
 Array = NDArray[np.float64]
 Gain = Literal["adaptive", "fixed"]

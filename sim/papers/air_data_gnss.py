@@ -26,25 +26,9 @@ from companion.estimators.air_data_gnss import METHOD, AirDataGnssSettings
 from companion.estimators.method import Filter, run_log
 from companion.kalman import correct
 from companion.samples import Kind, SampleLog, sample
+from sim.page import BARO, BOUND, FUSED, GNSS, INERTIAL, OTHER, TRUTH, Spread, Value, generators, spread
 from sim.papers import Progress
-from sim.papers.page import (
-    BARO,
-    BOUND,
-    FUSED,
-    GNSS,
-    INERTIAL,
-    OTHER,
-    TRUTH,
-    Page,
-    Row,
-    Spread,
-    Value,
-    Verdict,
-    compare,
-    generators,
-    holds,
-    spread,
-)
+from sim.papers.page import Page, Row, Verdict, compare, holds
 
 Array = NDArray[np.float64]
 Law = Literal["exact", "linear", "printed"]

@@ -28,9 +28,10 @@ from companion.estimators.baro_gnss_ins import (
 )
 from companion.estimators.method import run_log
 from companion.samples import Kind, Rows, SampleLog, Verdict, sample
+from sim.page import BARO, BOUND, FUSED, GNSS, INERTIAL, OTHER, Spread, generators, spread
 from sim.papers import Progress
 from sim.papers import page as pages
-from sim.papers.page import BARO, BOUND, FUSED, GNSS, INERTIAL, OTHER, Page, Row, Spread, compare, holds, spread
+from sim.papers.page import Page, Row, compare, holds
 
 Array = NDArray[np.float64]
 
@@ -85,14 +86,14 @@ def reproduce(seeds: int, out: Path, progress: Progress) -> Page:
     )
     _draw_gate(page)
     level, climb = Profile(LEVEL_M), Profile(CLIMB_M)
-    for done, generator in enumerate(pages.generators("R", seeds), start=1):
+    for done, generator in enumerate(generators("R", seeds), start=1):
         level.fly(generator)
         climb.fly(generator)
         progress(0.05 + 0.25 * done / seeds, "bias and scale factor")
     page.table("Bias and scale factor (15), (16)", _state_rows(level, climb))
     _draw_states(page, level, climb)
     outage = Outage()
-    for done, generator in enumerate(pages.generators("R", seeds), start=1):
+    for done, generator in enumerate(generators("R", seeds), start=1):
         outage.fly(generator)
         progress(0.3 + 0.65 * done / seeds, "GNSS outage")
     page.table("The vertical channel (section VI): five minutes without GNSS", _outage_rows(outage))
@@ -256,7 +257,7 @@ class Descents:
     def of(cls, rate_hz: int, seeds: int) -> "Descents":
         rejected: dict[str, list[float]] = {}
         passed: dict[str, list[float]] = {}
-        for generator in pages.generators("R", seeds):
+        for generator in generators("R", seeds):
             pressure, heights_m, spiked = descent(rate_hz, generator)
             gates = {
                 "accepted": gate_on_accepted(pressure),
@@ -326,7 +327,7 @@ def _verdict(condition: bool) -> pages.Verdict:
 
 
 def _draw_gate(page: Page) -> None:
-    pressure, heights_m, _ = descent(20, pages.generators("R", 1)[0])
+    pressure, heights_m, _ = descent(20, generators("R", 1)[0])
     times_s = np.arange(pressure.size) / 20.0
     gates = (
         ("5 Pa from the last accepted", gate_on_accepted(pressure), OTHER),
@@ -412,9 +413,9 @@ def driven_scale(generator: np.random.Generator, measured: bool) -> float:
 
 def _state_rows(level: Profile, climb: Profile) -> list[Row]:
     printed, numeric = baro_row(480.0, 0.02)
-    generators = pages.generators("R", min(len(level.b_m), 10))
-    driven = spread([driven_scale(generator, measured=True) for generator in generators])
-    fixed = spread([driven_scale(generator, measured=False) for generator in generators])
+    streams = generators("R", min(len(level.b_m), 10))
+    driven = spread([driven_scale(generator, measured=True) for generator in streams])
+    fixed = spread([driven_scale(generator, measured=False) for generator in streams])
     reading = "after a climb from 100 to 1600 m, b and s constant"
     return [
         holds("states", 3 + 3 + 4 + 3 + 3 + 2 + 2 == 20, 20, printed=20, where="(14)", note="17 errors in ours"),

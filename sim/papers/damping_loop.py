@@ -33,27 +33,11 @@ from companion.estimators.damping_loop import DampingLoopSettings, matched_gains
 from companion.estimators.method import Method, run_log
 from companion.samples import Kind
 from companion.tuning import Gains
+from sim.page import BARO, BOUND, FUSED, GNSS, INERTIAL, OTHER, TRUTH, Spread, Value, generators, spread
 from sim.papers import Progress
 from sim.papers import mountain_road as road
 from sim.papers.mountain_road import G_MPS2, GAS, LAPSE_KPM, P0_PA, T0_K, Drive
-from sim.papers.page import (
-    BARO,
-    BOUND,
-    FUSED,
-    GNSS,
-    INERTIAL,
-    OTHER,
-    TRUTH,
-    Page,
-    Row,
-    Spread,
-    Value,
-    Verdict,
-    compare,
-    generators,
-    holds,
-    spread,
-)
+from sim.papers.page import Page, Row, Verdict, compare, holds
 
 Array = NDArray[np.float64]
 

@@ -24,6 +24,7 @@ from companion.atmosphere import geopotential_m, standard_pressure_pa
 from companion.earth import gravity_mps2
 from companion.estimators.robust_altimeter import METHOD, PUBLISH
 from companion.samples import ESTIMATE, Kind, SampleLog, rows, sample
+from sim.page import BARO, BOUND, FUSED, GNSS, OTHER, Value, generators, spread
 from sim.papers import Progress
 from sim.papers.altimeter_errors import (
     ALTIMETERS,
@@ -41,21 +42,7 @@ from sim.papers.altimeter_errors import (
     open_loop_m,
     simulate,
 )
-from sim.papers.page import (
-    BARO,
-    BOUND,
-    FUSED,
-    GNSS,
-    OTHER,
-    Page,
-    Row,
-    Value,
-    Verdict,
-    compare,
-    generators,
-    holds,
-    spread,
-)
+from sim.papers.page import Page, Row, Verdict, compare, holds
 
 Array = NDArray[np.float64]
 

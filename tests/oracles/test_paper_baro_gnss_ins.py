@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from companion.atmosphere import standard_pressure_pa
+from sim.page import generators
 from sim.papers import PAPERS
 from sim.papers import baro_gnss_ins as paper
-from sim.papers.page import Verdict, generators
+from sim.papers.page import Verdict
 
 SEEDS = 4
 

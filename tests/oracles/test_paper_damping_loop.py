@@ -6,10 +6,10 @@ That implementation's drive is not known; what depends on it is pinned with our 
 import numpy as np
 import pytest
 
+from sim.page import generators
 from sim.papers import damping_loop as paper
 from sim.papers import mountain_road as road
 from sim.papers.mountain_road import Drive
-from sim.papers.page import generators
 
 
 @pytest.fixture(scope="module")

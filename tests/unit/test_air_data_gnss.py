@@ -21,8 +21,8 @@ from companion.config import dump
 from companion.estimators.air_data_gnss import METHOD, AirDataGnssSettings, baro_at
 from companion.estimators.method import Filter, run_log
 from companion.samples import Kind, Rows, SampleLog, Verdict, sample
+from sim.page import generators
 from sim.papers import air_data_gnss as paper
-from sim.papers.page import generators
 from tests.flights import Flight, flight
 
 Array = NDArray[np.float64]

@@ -5,9 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sim.page import generators
 from sim.papers import PAPERS
 from sim.papers.altimeter_errors import ALTIMETERS, BIASED, Array, Model, noises, open_loop_m, simulate
-from sim.papers.page import Verdict, generators
+from sim.papers.page import Verdict
 from sim.papers.robust_altimeter import (
     FITTED,
     LONG,

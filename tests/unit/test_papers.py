@@ -8,8 +8,9 @@ import pytest
 from typer.testing import CliRunner
 
 from sim.cli import app
+from sim.page import FUSED, Spread, generators, spread
 from sim.papers import PAPERS, Paper
-from sim.papers.page import FUSED, Page, Row, Spread, Verdict, compare, generators, holds, spread, summary
+from sim.papers.page import Page, Row, Verdict, compare, holds, summary
 
 PAGES = Path(__file__).parents[2] / "docs" / "papers"
 LARGEST_FIGURE_BYTES = 100_000

@@ -274,8 +274,8 @@ def test_crossing_sigma_inverts_the_rate(rate_per_h: float) -> None:
 @pytest.mark.slow
 def test_hours_of_the_model_are_estimated_consistently() -> None:
     """Thirty hours of flight as the bank believes flights to be: NEES of height near 1, no false alarm."""
-    from tests.hours import fly as fly_hour
-    from tests.hours import hour
+    from sim.evaluation.sensor_level import fly as fly_hour
+    from sim.evaluation.sensor_level import hour
 
     nees, exceeded = [], 0
     for seed in range(30):

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from companion.atmosphere import P0_PA, T0_K
 from companion.earth import gravity_mps2
 from companion.estimators import vertical_bank as vb
+from companion.estimators.method import Method
 from companion.samples import DTYPES, ESTIMATE, ORDER, Kind, Rows, Tables, readable, rows
 
 Array = NDArray[np.float64]
@@ -76,13 +77,13 @@ def hour(seed: int, seconds: int = 3600, gnss_sd_m: float = 4.24, baro_hz: int =
     )
     fixes += rng.normal(0.0, settings.gnss_white_ratio * gnss_sd_m, fixes.size)
     tables = {kind: rows(DTYPES[kind], 0) for kind in Kind}
-    imu = tables[Kind.IMU] = _table(Kind.IMU, elapsed_s)
+    imu = tables[Kind.IMU] = table_at(Kind.IMU, elapsed_s)
     imu["specific_force_b_mps2"] = 0.0
     imu["specific_force_b_mps2"][:, 2] = -(gravity_mps2(LATITUDE_DEG, 1500.0) + felt)
     imu["angular_rate_b_radps"] = 0.0
-    pressure = tables[Kind.PRESSURE] = _table(Kind.PRESSURE, elapsed_s[::baro_every])
+    pressure = tables[Kind.PRESSURE] = table_at(Kind.PRESSURE, elapsed_s[::baro_every])
     pressure["pressure_pa"] = pressure_pa(baro[::baro_every])
-    gnss = tables[Kind.GNSS] = _table(Kind.GNSS, elapsed_s[::gnss_every])
+    gnss = tables[Kind.GNSS] = table_at(Kind.GNSS, elapsed_s[::gnss_every])
     gnss["altitude_amsl_m"], gnss["vertical_sd_m"], gnss["fix_type"] = fixes, gnss_sd_m, 3
     gnss["latitude_deg"], gnss["ground_speed_mps"], gnss["course_rad"] = LATITUDE_DEG, 30.0, 0.7
     return Hour(elapsed_s, height, baro, tables)
@@ -114,26 +115,37 @@ def pressure_pa(baro_m: Array) -> Array:
     return np.asarray(P0_PA * (1.0 - 0.0065 * geopotential_m / T0_K) ** (9.80665 / (287.05287 * 0.0065)))
 
 
+def arrange(tables: dict[Kind, Rows]) -> Tables:
+    """What a compiled `run` loops over: the tables in order of arrival."""
+    kinds = np.concatenate([np.full(tables[kind].size, int(kind)) for kind in Kind])
+    order = np.zeros(kinds.size, ORDER)
+    order["kind"] = kinds
+    order["row"] = np.concatenate([np.arange(tables[kind].size) for kind in Kind])
+    arrivals = np.concatenate([tables[kind]["arrival_us"] for kind in Kind])
+    order = order[np.lexsort((kinds, arrivals))]
+    return Tables(readable(order), *(readable(np.asarray(tables[kind])) for kind in Kind))
+
+
+def estimates_of(method: Method, settings: Any, tables: Tables) -> Rows:
+    """ESTIMATE rows, shape (rows of tables.order,): what `method` says after each sample."""
+    params = settings.params()
+    estimates, verdicts = rows(ESTIMATE, tables.order.size), np.zeros(tables.order.size, np.int64)
+    method.run(method.init(params), params, tables, estimates, verdicts)
+    return np.asarray(estimates)
+
+
 def fly(made: Hour, settings: vb.VerticalBankSettings | None = None) -> tuple[Rows, Array, Array]:
-    """Estimates after each barometer row, their errors, and the seconds of each."""
-    params = (settings or vb.VerticalBankSettings()).params()
-    state = vb.METHOD.init(params)
-    kinds = (Kind.IMU, Kind.PRESSURE, Kind.GNSS)
-    times = np.concatenate([made.tables[kind]["arrival_us"] for kind in kinds])
-    order = np.zeros(times.size, ORDER)
-    order["kind"] = np.concatenate([np.full(made.tables[kind].size, int(kind)) for kind in kinds])
-    order["row"] = np.concatenate([np.arange(made.tables[kind].size) for kind in kinds])
-    order = order[np.lexsort((order["kind"], times))]
-    tables = Tables(readable(order), *(readable(np.asarray(made.tables[kind])) for kind in Kind))
-    estimates, verdicts = rows(ESTIMATE, order.size), np.zeros(order.size, np.int64)
-    vb.METHOD.run(state, params, tables, estimates, verdicts)
-    found = np.asarray(estimates)[(order["kind"] == Kind.PRESSURE)]
+    """The vertical bank's estimates after each barometer row, their errors, and the seconds of each."""
+    tables = arrange(made.tables)
+    estimates = estimates_of(vb.METHOD, settings or vb.VerticalBankSettings(), tables)
+    found = estimates[np.asarray(tables.order["kind"]) == Kind.PRESSURE]
     elapsed_s = found["time_us"] * 1e-6 - START_S
     error = found["altitude_amsl_m"] - np.interp(elapsed_s, made.elapsed_s, made.height_m)
     return found, error, elapsed_s
 
 
-def _table(kind: Kind, elapsed_s: Array) -> Rows:
+def table_at(kind: Kind, elapsed_s: Array) -> Rows:
+    """Rows of `kind` measured at `elapsed_s` and arriving `AGE_US` later; everything else unknown."""
     table = np.asarray(rows(DTYPES[kind], elapsed_s.size))
     table["time_us"] = np.round((elapsed_s + START_S) * 1e6).astype(np.int64)
     table["arrival_us"] = table["time_us"] + AGE_US[kind]

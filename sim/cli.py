@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from companion.errors import KollsmanError
+from sim.evaluation import cli as evaluation
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
@@ -62,12 +63,6 @@ Examples:
   kollsman-sim campaign weather-change --seeds 500 --scheduler tcp://10.0.0.5:8786
 """
 
-
-_EVALUATE_EXAMPLES = """\b
-Examples:
-  kollsman-sim evaluate --data ~/flights --out docs/evaluation
-  kollsman-sim evaluate bound --seeds 20
-"""
 
 _CORRUPT_EXAMPLES = """\b
 Examples:
@@ -364,45 +359,7 @@ def reproduce(
             print(f"{key}  {path}  {page.seeds} seeds: {summary(page.counts)}")
 
 
-@app.command(epilog=_EVALUATE_EXAMPLES)
-def evaluate(
-    sections: Annotated[
-        list[str] | None, typer.Argument(help="Default: all; the index is made in any case.", metavar="[SECTION]...")
-    ] = None,
-    *,
-    seeds: Annotated[
-        int | None, typer.Option(min=2, help="Monte-Carlo runs. Default: each section's own number.")
-    ] = None,
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes. Default: one a core.", metavar="N")] = None,
-    data: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder of recorded flights (jsbsim_A.tlog, ...).", metavar="DIR", exists=True, file_okay=False
-        ),
-    ] = None,
-    out: Annotated[Path, typer.Option(help="Folder of the pages.", metavar="DIR")] = Path("out/evaluation"),
-) -> None:
-    """Hold the vertical bank against its goals, beside every other estimator: one page a section, and an index."""
-    from rich.console import Console  # noqa: PLC0415
-    from rich.progress import Progress as ProgressBar  # noqa: PLC0415
-
-    from sim.evaluation import SECTIONS, Context  # noqa: PLC0415
-    from sim.evaluation.section import Index, summary  # noqa: PLC0415
-
-    unknown = [key for key in sections or [] if key not in SECTIONS]
-    if unknown:
-        raise _usage(f"no section '{unknown[0]}'; there are {', '.join(SECTIONS)}")
-    console = Console(stderr=True)
-    with ProgressBar(console=console, transient=True, disable=not console.is_terminal) as bar:
-        for key in dict.fromkeys(sections or SECTIONS):
-            report = partial(_report_share, bar, bar.add_task(key, total=1.0), key)
-            context = Context(seeds or SECTIONS[key].seeds, workers or os.cpu_count() or 1, data, out, report)
-            page = SECTIONS[key].evaluate(context)
-            path = page.write()
-            report(1.0, "done")
-            print(f"{key}  {path}: {summary(page.rows)}")
-    index = Index(out)
-    print(f"index  {index.write()}: {summary(index.rows)}")
+app.command(epilog=evaluation.EXAMPLES)(evaluation.evaluate)
 
 
 def _report_share(bar: "Bar", task: "TaskID", name: str, fraction: float, what: str) -> None:

@@ -37,6 +37,7 @@ def section(monkeypatch: pytest.MonkeyPatch) -> Section:
     made = Section("bound", "A title", "nowhere", 3)
     monkeypatch.setattr("sim.evaluation.SECTIONS", {"bound": made})
     monkeypatch.setattr("sim.evaluation.section.SECTIONS", {"bound": made})
+    monkeypatch.setattr("sim.evaluation.cli.SECTIONS", {"bound": made})
     return made
 
 

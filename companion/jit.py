@@ -96,6 +96,7 @@ _CACHE = cache_directory()
 os.environ["NUMBA_CACHE_DIR"] = str(_CACHE)
 
 import numba  # noqa: E402  (reads NUMBA_CACHE_DIR when imported)
+from numba import types  # noqa: E402
 from numba.core.options import DefaultOptions  # noqa: E402
 
 _OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy"}
@@ -110,5 +111,19 @@ def step(function: Function) -> Function:
 
     It may look into arrays and take slices of them, but not make new ones: what it needs is in its arguments.
     """
-    compiled: Function = numba.njit(**_OPTIONS)(function)
-    return compiled
+    compiled: Any = numba.njit(**_OPTIONS)(function)
+    if hasattr(compiled, "get_call_template"):
+        _typed_once(compiled)
+    return compiled  # type: ignore[no-any-return]
+
+
+def _typed_once(compiled: Any) -> None:
+    """Let callers that pass different constants share one compilation.
+
+    Numba types a constant argument as itself, so that a helper called with the numbers of seven states is compiled
+    seven times.
+    """
+    template = compiled.get_call_template
+    compiled.get_call_template = lambda args, kws: template(
+        tuple(map(types.unliteral, args)), {name: types.unliteral(kind) for name, kind in kws.items()}
+    )

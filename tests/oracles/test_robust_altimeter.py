@@ -154,7 +154,7 @@ def test_optimal_filter_is_consistent_on_its_own_model() -> None:
     count, flights, F, (G, Q) = 120, 150, phi(), noise()
     rng, p = np.random.default_rng(12), params()
     nees: dict[bool, list[float]] = {False: [], True: []}
-    nis = []
+    nis: list[float] = []
     for _ in range(flights):
         truth = rng.multivariate_normal(np.zeros(5), P_0)
         states = {robust: (np.zeros(5), P_0.copy()) for robust in nees}
@@ -169,7 +169,7 @@ def test_optimal_filter_is_consistent_on_its_own_model() -> None:
                     nis.append(paper.innovation(x, H[0], value) ** 2 / ((H @ P @ H.T)[0, 0] + R))
                 paper.take_in(x, P, H[0], np.zeros(5), value, R, robust)
         for robust, (x, P) in states.items():
-            nees[robust].append((truth - x) @ np.linalg.solve(P, truth - x))
+            nees[robust].append(float((truth - x) @ np.linalg.solve(P, truth - x)))
     low, high = stats.chi2.ppf([0.0005, 0.9995], 5 * flights) / flights
     assert low < np.mean(nees[False]) < high
     low, high = stats.chi2.ppf([0.0005, 0.9995], len(nis)) / len(nis)

@@ -7,13 +7,16 @@ a flight that fails is a row that says why.
 
 import hashlib
 import json
+import logging
 import math
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import version
 from multiprocessing import get_context
 from pathlib import Path
@@ -22,13 +25,20 @@ from typing import Any
 import numpy as np
 
 from companion.errors import ConfigError
-from companion.evaluation.compare import SETTLE_S, compare
+from companion.evaluation.compare import SETTLE_S, Comparison, compare
 from companion.jit import source_hash
-from sim.flight import Flight
+from sim.episodes import attribution, episodes
+from sim.flight import Flight, Summary
 from sim.scenario import Scenario, load_scenario
 
 Row = dict[str, Any]
-MEASURES = ("rmse_m", "p95_m", "max_m", "bias_m", "climb_rmse_mps", "nees", "median_sd_m", "cost_us")
+MEASURES = (
+    "rmse_m", "p95_m", "max_m", "bias_m", "climb_rmse_mps", "nees", "median_sd_m", "detection_s",
+    "wrong_share", "cost_us",
+)  # fmt: skip
+"""of a row; their means over the seeds are the summary's, but for the worst maximum"""
+COUNTS = ("faults", "detected", "false_alarms")
+"""of a row; the summary has their sums"""
 
 
 @dataclass(frozen=True)
@@ -42,9 +52,27 @@ class Job:
     @property
     def key(self) -> str:
         """Changes with everything that the rows depend on."""
-        content = [self.scenario.model_dump(mode="json"), self.seed, self.estimators, source_hash(), version("jsbsim")]
+        content = [self.scenario.model_dump(mode="json"), self.seed, self.estimators, _code_hash(), version("jsbsim")]
         digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
         return f"{self.scenario.name}-{self.seed}-{digest}"
+
+
+@cache
+def _code_hash() -> str:
+    """Of both programs and of what the compiled parts depend on."""
+    digest = hashlib.sha256(source_hash().encode())
+    root = Path(__file__).parent.parent
+    for path in sorted([*(root / "companion").rglob("*.py"), *(root / "sim").rglob("*.py")]):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def fly(job: Job) -> tuple[Summary, Comparison]:
+    """Fly to a temporary log, and run the estimators over it."""
+    with tempfile.TemporaryDirectory(prefix="kollsman-campaign-") as folder:
+        tlog = Path(folder) / "flight.tlog"
+        summary = Flight(job.scenario, tlog=tlog, seed=job.seed).run()
+        return summary, compare(tlog, settle_s=SETTLE_S, estimators=job.estimators)
 
 
 def run_job(job: Job) -> list[Row]:
@@ -52,12 +80,13 @@ def run_job(job: Job) -> list[Row]:
     started_s = time.perf_counter()
     head: Row = {"scenario": job.scenario.name, "seed": job.seed}
     try:
-        with tempfile.TemporaryDirectory(prefix="kollsman-campaign-") as folder:
-            tlog = Path(folder) / "flight.tlog"
-            summary = Flight(job.scenario, tlog=tlog, seed=job.seed).run()
-            found = compare(tlog, settle_s=SETTLE_S, estimators=job.estimators)
+        summary, found = fly(job)
+        harmed = episodes(job.scenario.faults, summary.duration_s)
         tail = {"flight_s": summary.duration_s, "elapsed_s": time.perf_counter() - started_s, "error": None}
-        return [head | {"source": result.pop("label")} | result | tail for result in found.as_dict()["results"]]
+        return [
+            head | {"source": result.pop("label")} | result | attribution(harmed, series) | tail
+            for result, series in zip(found.as_dict()["results"], found.series, strict=True)
+        ]
     except Exception as error:  # a failed flight is a row, whatever failed
         return [head | {"source": None, "elapsed_s": time.perf_counter() - started_s, "error": f"{error}"}]
 
@@ -75,9 +104,12 @@ def run(
     done = {key: read(parts / f"{key}.parquet") for key in keys if (parts / f"{key}.parquet").exists()}
     if on_progress is not None:
         on_progress(len(done), [])
-    waiting = {executor.submit(run_job, job): key for job, key in zip(jobs, keys, strict=True) if key not in done}
+    todo = [(job, key) for job, key in zip(jobs, keys, strict=True) if key not in done]
+    todo.sort(key=lambda each: -each[0].scenario.planned_s)  # a long flight begun last would leave the others idle
+    waiting = {executor.submit(run_job, job): (job, key) for job, key in todo}
     for future in as_completed(waiting):
-        rows, key = future.result(), waiting[future]
+        job, key = waiting[future]
+        rows = _rows_of(future, job)
         if all(row["error"] is None for row in rows):  # a failure is tried again by the next run
             write(rows, parts / f"{key}.parquet")
         done[key] = rows
@@ -88,6 +120,19 @@ def run(
     return rows
 
 
+def _rows_of(future: "Future[list[Row]]", job: Job) -> list[Row]:
+    try:
+        return future.result()
+    except BrokenProcessPool:
+        why = "a worker process was killed, and this flight with it"
+        return [{"scenario": job.scenario.name, "seed": job.seed, "source": None, "elapsed_s": 0.0, "error": why}]
+
+
+def _hush() -> None:
+    """What a flight's companion warns of is in the results; many at once are noise."""
+    logging.getLogger("kollsman").setLevel(logging.ERROR)
+
+
 @contextmanager
 def executor_of(workers: int, scheduler: str | None) -> Iterator[Executor]:
     """A pool of `workers` processes, or the Dask cluster whose scheduler is at an address such as tcp://host:8786.
@@ -95,8 +140,12 @@ def executor_of(workers: int, scheduler: str | None) -> Iterator[Executor]:
     Raises `ConfigError` when Dask is not installed or the scheduler does not answer.
     """
     if scheduler is None:
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-            yield pool
+        with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_hush) as pool:
+            try:
+                yield pool
+            except BaseException:  # Ctrl-C must not wait for all that was submitted
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
         return
     try:
         from distributed import Client  # noqa: PLC0415
@@ -116,7 +165,10 @@ def jobs_of(scenarios: Sequence[str], seeds: int, estimators: Sequence[str]) -> 
 
 
 def summary(rows: Sequence[Row]) -> list[Row]:
-    """For each scenario and source the mean of every measure over its seeds, the worst maximum, and how many flew."""
+    """For each scenario and source the mean of every measure over its seeds, the worst maximum, and how many flew.
+
+    Means leave out what is unknown, such as the detection time of a fault that was missed.
+    """
     groups: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
         if row["error"] is None:
@@ -125,12 +177,14 @@ def summary(rows: Sequence[Row]) -> list[Row]:
     for (scenario, source), members in groups.items():
         line: Row = {"scenario": scenario, "source": source, "flights": len(members)}
         for name in MEASURES:
-            values = np.array([math.nan if row[name] is None else row[name] for row in members], np.float64)
+            values = np.array([math.nan if row.get(name) is None else row[name] for row in members], np.float64)
             values = values[np.isfinite(values)]
             choose = np.max if name == "max_m" else np.mean
             line[name] = float(choose(values)) if values.size else math.nan
             if name == "rmse_m":
                 line["rmse_sd_m"] = float(np.std(values, ddof=1)) if values.size > 1 else math.nan
+        for name in COUNTS:
+            line[name] = sum(row.get(name) or 0 for row in members)
         lines.append(line)
     return lines
 

@@ -1,6 +1,7 @@
 """A scenario: what is flown, in which weather, with which sensors. YAML holds what differs from the defaults here."""
 
 import importlib.resources
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated
 
@@ -60,6 +61,17 @@ class Scenario(Settings):
     """rates by message name, in place of the full set of a log (and, with --all-streams, of a link)"""
     faults: tuple[AnyFault, ...] = ()
     """what goes wrong between the vehicle and whoever listens, on every link and in the log (see `sim.faults`)"""
+
+    @property
+    def planned_s(self) -> float:
+        """A rough duration: the holds and waits, and the heights at the rate of a trainer."""
+        heights_m = [
+            self.runway.elevation_m,
+            *(leg.altitude_amsl_m for leg in self.profile if hasattr(leg, "altitude_amsl_m")),
+        ]
+        held_s = sum(leg.duration_s for leg in self.profile if hasattr(leg, "duration_s"))
+        climbed_m = sum(abs(after - before) for before, after in pairwise(heights_m))
+        return float(held_s + climbed_m / 3.0)
 
     @model_validator(mode="after")
     def _can_be_flown(self) -> "Scenario":

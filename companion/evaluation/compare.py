@@ -11,9 +11,10 @@ import numpy as np
 
 from companion.atmosphere import baro_altitude_array
 from companion.estimators import ESTIMATORS, run_log
+from companion.evaluation.detection import Accused
 from companion.evaluation.metrics import Array, errors, truth_at
 from companion.evaluation.samples import BOOT_US, samples_of
-from companion.samples import Kind, SampleLog
+from companion.samples import Kind, Rows, SampleLog
 from companion.settings import CompanionSettings
 
 SETTLE_S = 60.0
@@ -49,6 +50,8 @@ class Series:
     climb_mps: Array
     sd_m: Array
     cost_us: float = math.nan
+    accused: Accused | None = None
+    """of estimators"""
 
 
 @dataclass(frozen=True)
@@ -114,6 +117,7 @@ def estimate_series(name: str, log: SampleLog, settings: CompanionSettings) -> S
     boots = np.cumsum((kinds == Kind.STATUS) & _reboots(log, kinds, np.asarray(order["row"])))
     ticks = Kind.PRESSURE if np.any(kinds == Kind.PRESSURE) else Kind.GNSS
     chosen = (kinds == ticks) & np.isfinite(_floats(estimates["altitude_amsl_m"]))
+    arrival_us = _floats(log[ticks]["arrival_us"][np.asarray(order["row"])[chosen]])
     return Series(
         name,
         _floats(estimates["time_us"][chosen]) + boots[chosen] * float(BOOT_US),
@@ -121,7 +125,14 @@ def estimate_series(name: str, log: SampleLog, settings: CompanionSettings) -> S
         _floats(estimates["climb_mps"][chosen]),
         _floats(estimates["altitude_sd_m"][chosen]),
         cost_us,
+        _accused(estimates[chosen], arrival_us),
     )
+
+
+def _accused(estimates: Rows, arrival_us: Array) -> Accused:
+    """With the claimed onset, which is on the vehicle's clock, moved to the clock of arrival."""
+    since_us = _floats(estimates["faulty_since_us"]) + arrival_us - _floats(estimates["time_us"])
+    return Accused(arrival_us, np.asarray(estimates["faulty"], np.int64), since_us)
 
 
 def raw_series(log: SampleLog) -> list[Series]:

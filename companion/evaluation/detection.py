@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,14 @@ from companion.samples import Fault
 
 Accusations = NDArray[np.int64]
 """field ``faulty`` of the estimates: `companion.samples.Fault` as numbers, shape (n,)"""
+
+
+class Accused(NamedTuple):
+    """What an estimator said of its sensors over a log, shape (n,) each, on the clock by which the log arrived."""
+
+    times_us: Array
+    faulty: Accusations
+    since_us: Array
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,13 @@ import heapq
 import math
 import struct
 from collections.abc import Callable, Iterable
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from pydantic import Field
 
 from companion.config import Settings
 from companion.mavlink.codec import mavlink
+from companion.samples import Fault as Sensor
 from companion.samples import Packet
 from sim.faults.editing import Editor
 
@@ -134,6 +135,14 @@ class Fault(Settings):
     """whose frames: 1 is the autopilot, 0 everybody"""
     seed: Annotated[int, Field(ge=0)] | None = None
     """of this fault alone; without it, the flight's or that of the command line"""
+
+    announced: ClassVar[bool] = False
+    """whether the sensor itself says how unwell it is, so that nobody need accuse it"""
+
+    @property
+    def harms(self) -> Sensor:
+        """Whose readings are wrong, in the words of an estimator's field ``faulty``; NONE where no sensor is."""
+        return Sensor.NONE
 
     def effect(self, dice: Dice) -> Effect:
         """The fault at work on one stream."""

@@ -1,10 +1,11 @@
 """Faults of the first receiver (GPS_RAW_INT): no fix, jammed, spoofed, and the fix that slides."""
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
+from companion.samples import Fault as Sensor
 from sim.faults.base import Dice, Edit, Effect, Fault, Metres, Moment
 from sim.faults.editing import Editor
 from sim.faults.values import GPS
@@ -38,8 +39,18 @@ def _add_known(message: Editor, name: str, value: float) -> None:
         message[name] = message[name] + value
 
 
-class Outage(Fault):
+class ReceiverFault(Fault):
+    """The parameters of faults of the receiver."""
+
+    @property
+    def harms(self) -> Sensor:
+        return Sensor.GNSS
+
+
+class Outage(ReceiverFault):
     """The receiver has no fix, or is not heard at all."""
+
+    announced: ClassVar[bool] = True
 
     fault: Literal["outage"] = "outage"
     silent: bool = False
@@ -55,8 +66,10 @@ class Outage(Fault):
         return Edit({GPS}, change)
 
 
-class Jamming(Fault):
+class Jamming(ReceiverFault):
     """A jammer comes near and goes: fewer satellites, noise, honest poor accuracy, and no fix where it is nearest."""
+
+    announced: ClassVar[bool] = True
 
     fault: Literal["jamming"] = "jamming"
     duration_s: Span = 120.0
@@ -91,7 +104,7 @@ class Jamming(Fault):
         return Edit({GPS}, change)
 
 
-class Spoofing(Fault):
+class Spoofing(ReceiverFault):
     """The position is led away, slowly and with a clean conscience: the accuracies stay what they were."""
 
     fault: Literal["spoofing"] = "spoofing"
@@ -117,8 +130,10 @@ class Spoofing(Fault):
         return Edit({GPS}, change)
 
 
-class Slide(Fault):
+class Slide(ReceiverFault):
     """A 3D fix that is wrong by hundreds of metres and slides to the truth, while its accuracy admits it."""
+
+    announced: ClassVar[bool] = True
 
     fault: Literal["slide"] = "slide"
     duration_s: Span = 60.0

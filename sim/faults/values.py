@@ -11,6 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 from pydantic import Field
 
 from companion.mavlink.codec import mavlink
+from companion.samples import Fault as Sensor
 from companion.samples import Packet
 from sim.aircraft import G0_MPS2
 from sim.faults.base import Dice, Edit, Effect, Fault, Moment, Probability
@@ -71,6 +72,14 @@ SENSORS: Mapping[str, Mapping[int, tuple[str, ...]]] = {
 """All that one sensor says, without the time."""
 
 
+_OWNERS = {"pressure": Sensor.BAROMETER, "gnss": Sensor.GNSS, "accel": Sensor.IMU, "gyro": Sensor.IMU}
+
+
+def _owner(quantity: str) -> Sensor:
+    """The sensor of an altitude that measures it; the die's temperature is nobody's measurement."""
+    return _OWNERS.get(quantity.split("_", maxsplit=1)[0], Sensor.NONE)
+
+
 def _holds(message: Editor, name: str) -> bool:
     """Whether a field holds a value: not a position without a fix, an extension that was not sent, a sentinel."""
     if message.message_id == GPS:
@@ -90,6 +99,10 @@ class ValueFault(Fault):
     @property
     def target(self) -> Quantity:
         return QUANTITIES[self.quantity]
+
+    @property
+    def harms(self) -> Sensor:
+        return _owner(self.quantity)
 
 
 Size = Annotated[float, Field(ge=-1e6, le=1e6)]
@@ -160,6 +173,10 @@ class Freeze(Fault):
     fault: Literal["freeze"] = "freeze"
     sensor: Literal["barometer", "gnss", "imu"] = "barometer"
 
+    @property
+    def harms(self) -> Sensor:
+        return Sensor[self.sensor.upper()]
+
     def effect(self, dice: Dice) -> Effect:
         return _Freeze(SENSORS[self.sensor])
 
@@ -198,6 +215,10 @@ class SwappedUnits(Fault):
     fault: Literal["swapped_units"] = "swapped_units"
     swap: Literal["pascal", "half_pressure", "feet", "metres_for_millimetres", "degrees", "mps2_for_g"] = "pascal"
 
+    @property
+    def harms(self) -> Sensor:
+        return _owner(SWAPS[self.swap][0][0])
+
     def effect(self, dice: Dice) -> Effect:
         names, factor = SWAPS[self.swap]
         targets = [QUANTITIES[name] for name in names]
@@ -215,6 +236,10 @@ class BlockedStaticPort(Fault):
     fault: Literal["blocked_static_port"] = "blocked_static_port"
     leak_s: Annotated[float, Field(gt=0.0, le=1e5)] | None = None
     """time constant of the leak; without it, the port is sealed"""
+
+    @property
+    def harms(self) -> Sensor:
+        return Sensor.BAROMETER
 
     def effect(self, dice: Dice) -> Effect:
         return _BlockedPort(self.leak_s)

@@ -1,14 +1,20 @@
 """Campaigns on real processes: a pool, and a real Dask scheduler with workers on loopback."""
 
+import math
+import os
+import signal
 import subprocess
 import sys
+import time
 from concurrent.futures import Executor, Future
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import pytest
 
+from companion.config import validate
 from sim import campaign
-from sim.scenario import load_scenario
+from sim.scenario import Scenario, load_scenario
 
 ESTIMATOR = ("adaptive-fusion",)
 
@@ -56,6 +62,64 @@ def test_a_failed_flight_is_a_row_and_is_tried_again(tmp_path: Path) -> None:
 def test_a_changed_scenario_is_another_job() -> None:
     assert hop(1).key != hop(2).key
     assert hop(1).key != hop(1, limit_s=900.0).key
+
+
+def test_detection_times_come_with_the_rows(tmp_path: Path) -> None:
+    """A barometer that jumps by 10 hPa (85 m) on the ground; the second fault is after the end."""
+    values = {
+        "name": "jump", "summary": "Of a test.", "profile": [{"leg": "wait", "duration_s": 150}],
+        "faults": [
+            {"fault": "step", "start_s": 100, "duration_s": 30, "size": 1000},
+            {"fault": "freeze", "start_s": 900},
+        ],
+    }  # fmt: skip
+    job = campaign.Job(validate(values, Scenario, "a test"), 1, ("vertical-bank", "adaptive-fusion"))
+    rows = campaign.run([job], Here(), tmp_path)
+    assert all(row["error"] is None for row in rows), rows
+    lines = {line["source"]: line for line in campaign.summary(campaign.read(tmp_path / "campaign.parquet"))}
+    ours, simple, raw = (lines[name] for name in ("vertical-bank", "adaptive-fusion", "raw GNSS"))
+    assert (ours["faults"], ours["detected"], ours["wrong_share"]) == (1, 1, 0.0)
+    assert 0.0 <= ours["detection_s"] < 5.0
+    assert (simple["faults"], simple["detected"]) == (1, 0)
+    assert math.isnan(simple["detection_s"])
+    assert raw["faults"] == 0
+
+
+class Doomed(Executor):
+    """A pool whose worker was killed."""
+
+    def submit(self, function, /, *arguments, **named):  # type: ignore[no-untyped-def]
+        future: Future[object] = Future()
+        future.set_exception(BrokenProcessPool("killed"))
+        return future
+
+
+def test_a_killed_worker_fails_its_flights_and_not_the_campaign(tmp_path: Path) -> None:
+    rows = campaign.run([hop(1), hop(2)], Doomed(), tmp_path)
+    assert [row["seed"] for row in rows] == [1, 2]
+    assert len(campaign.failures(rows)) == 2
+    assert not list((tmp_path / "parts").iterdir())
+
+
+@pytest.mark.slow
+def test_a_killed_campaign_goes_on_where_it_was(tmp_path: Path) -> None:
+    """SIGKILL to the command and its workers after the first flight; the second run flies the others only."""
+    command = [sys.executable, "-m", "sim.cli", "campaign", "short-hop", "--seeds", "5", "--workers", "1"]
+    command += ["--estimator", "adaptive-fusion", "--out", str(tmp_path)]
+    first = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
+    deadline_s = time.monotonic() + 120.0
+    while not list(tmp_path.glob("parts/*.parquet")) and time.monotonic() < deadline_s:
+        time.sleep(0.02)
+    os.killpg(first.pid, signal.SIGKILL)
+    first.wait(20)
+    done = {path: path.stat().st_mtime_ns for path in tmp_path.glob("parts/*.parquet")}
+    assert 1 <= len(done) < 5
+    assert not (tmp_path / "campaign.parquet").exists()
+    again = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+    assert again.returncode == 0, again.stderr
+    assert {path: path.stat().st_mtime_ns for path in done} == done
+    rows = campaign.read(tmp_path / "campaign.parquet")
+    assert [row["seed"] for row in rows if row["source"] == "adaptive-fusion"] == [1, 2, 3, 4, 5]
 
 
 @pytest.mark.slow

@@ -30,6 +30,7 @@ COLOURS = {
     "baro-gnss-ins": "#5b6bd6", "damping-loop": "#9a9a9a", "baro-ins-kf": "#d48fbf",
 }  # fmt: skip
 _PANEL_IN = 1.7
+_GAP_MIN = 5.0 / 60.0
 
 
 @dataclass(frozen=True)
@@ -134,9 +135,12 @@ def _draw(page: Page, found: Comparison, harmed: Sequence[Episode]) -> None:
 
 
 def _line(minutes: Array, values: Array) -> tuple[Array, Array]:
-    """In order of time: a message from before a reboot that arrives after it is left out."""
+    """In order of time, and broken where nothing came for `_GAP_MIN`: what is from before a reboot but arrives later is
+    left out."""
     forward = minutes >= np.maximum.accumulate(minutes)
-    return minutes[forward], values[forward]
+    minutes, values = minutes[forward], values[forward]
+    gaps = np.flatnonzero(np.diff(minutes) > _GAP_MIN) + 1
+    return np.insert(minutes, gaps, np.nan), np.insert(values, gaps, np.nan)
 
 
 class _Minutes:

@@ -54,7 +54,9 @@ class Section:
         return page
 
 
-_SECTIONS: tuple[Section, ...] = ()
+_SECTIONS: tuple[Section, ...] = (
+    Section("bound", "The papers' common scenarios and the Cramer-Rao bound", "bound_section", 200),
+)
 
 SECTIONS: dict[str, Section] = {section.key: section for section in _SECTIONS}
 """By key."""

@@ -102,7 +102,11 @@ def profile(rng: np.random.Generator, elapsed_s: Array) -> Array:
 
 def smooth(values: Array, time_s: float) -> Array:
     """Two running means: the acceleration is finite."""
-    width = round(time_s / STEP_S)
+    return smooth_over(values, round(time_s / STEP_S))
+
+
+def smooth_over(values: Array, width: int) -> Array:
+    """Two running means over `width` samples."""
     for _ in range(2):
         padded = np.concatenate([np.full(width, values[0]), values, np.full(width, values[-1])])
         values = np.convolve(padded, np.ones(width) / width, "same")[width:-width]

@@ -1,11 +1,14 @@
 """The whole of companion.yaml: one model made of the sections' own. Every key is optional."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
+import yaml
 from pydantic import Field, create_model
 
 from companion.config import Settings, load, validate
+from companion.errors import ConfigError
 from companion.estimators import ESTIMATORS
 from companion.health import HealthSettings
 from companion.intake import IntakeSettings
@@ -64,6 +67,27 @@ class CompanionSettings(Settings):
     def with_changes(self, **changes: Any) -> "CompanionSettings":
         """A copy with top-level values replaced, as options of the command line do. Raises `ConfigError`."""
         return validate(self.model_dump(by_alias=True) | changes, CompanionSettings, source="options")
+
+    def with_assignments(self, assignments: Sequence[str]) -> "CompanionSettings":
+        """A copy with values replaced by texts such as ``estimators.vertical-bank.offset_sd_m=4``; a list is [a, b, c].
+
+        Raises `ConfigError`: one line for a text that is none, a key that is unknown, a value that is not allowed.
+        """
+        values = self.model_dump(by_alias=True)
+        for text in assignments:
+            key, equals, value = text.partition("=")
+            *path, last = key.strip().split(".")
+            section: Any = values
+            for part in path:
+                section = section.get(part) if isinstance(section, dict) else None
+            if not equals or not isinstance(section, dict):
+                hint = "no such section" if equals else "give SECTION.KEY=VALUE"
+                raise ConfigError(f"--set {text}: {hint}")
+            try:
+                section[last] = yaml.safe_load(value)
+            except (yaml.YAMLError, ValueError):
+                raise ConfigError(f"--set {text}: the value is neither a number, a text nor a list") from None
+        return validate(values, CompanionSettings, source="--set")
 
 
 def load_settings(path: Path | None = None, **changes: Any) -> CompanionSettings:

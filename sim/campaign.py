@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
 from multiprocessing import get_context
@@ -27,14 +27,15 @@ import numpy as np
 from companion.errors import ConfigError
 from companion.evaluation.compare import SETTLE_S, Comparison, compare
 from companion.jit import source_hash
+from companion.settings import CompanionSettings
 from sim.episodes import attribution, episodes
 from sim.flight import Flight, Summary
 from sim.scenario import Scenario, load_scenario
 
 Row = dict[str, Any]
 MEASURES = (
-    "rmse_m", "p95_m", "max_m", "bias_m", "climb_rmse_mps", "nees", "median_sd_m", "detection_s",
-    "wrong_share", "cost_us",
+    "rmse_m", "p95_m", "max_m", "bias_m", "takeoff_rmse_m", "climb_rmse_mps", "nees", "median_sd_m",
+    "detection_s", "wrong_share", "cost_us",
 )  # fmt: skip
 """of a row; their means over the seeds are the summary's, but for the worst maximum"""
 COUNTS = ("faults", "detected", "false_alarms")
@@ -48,11 +49,19 @@ class Job:
     scenario: Scenario
     seed: int
     estimators: tuple[str, ...]
+    settings: CompanionSettings = field(default_factory=CompanionSettings)
 
     @property
     def key(self) -> str:
         """Changes with everything that the rows depend on."""
-        content = [self.scenario.model_dump(mode="json"), self.seed, self.estimators, _code_hash(), version("jsbsim")]
+        content = [
+            self.scenario.model_dump(mode="json"),
+            self.seed,
+            self.estimators,
+            self.settings.model_dump(mode="json"),
+            _code_hash(),
+            version("jsbsim"),
+        ]
         digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
         return f"{self.scenario.name}-{self.seed}-{digest}"
 
@@ -72,7 +81,7 @@ def fly(job: Job) -> tuple[Summary, Comparison]:
     with tempfile.TemporaryDirectory(prefix="kollsman-campaign-") as folder:
         tlog = Path(folder) / "flight.tlog"
         summary = Flight(job.scenario, tlog=tlog, seed=job.seed).run()
-        return summary, compare(tlog, settle_s=SETTLE_S, estimators=job.estimators)
+        return summary, compare(tlog, job.settings, SETTLE_S, estimators=job.estimators)
 
 
 def run_job(job: Job) -> list[Row]:
@@ -159,9 +168,16 @@ def executor_of(workers: int, scheduler: str | None) -> Iterator[Executor]:
         yield client.get_executor()
 
 
-def jobs_of(scenarios: Sequence[str], seeds: int, estimators: Sequence[str]) -> list[Job]:
+def jobs_of(
+    scenarios: Sequence[str], seeds: int, estimators: Sequence[str], settings: CompanionSettings | None = None
+) -> list[Job]:
     """Seeds 1 to `seeds` of every scenario (names or paths)."""
-    return [Job(load_scenario(name), seed, tuple(estimators)) for name in scenarios for seed in range(1, seeds + 1)]
+    settings = settings or CompanionSettings()
+    return [
+        Job(load_scenario(name), seed, tuple(estimators), settings)
+        for name in scenarios
+        for seed in range(1, seeds + 1)
+    ]
 
 
 def summary(rows: Sequence[Row]) -> list[Row]:

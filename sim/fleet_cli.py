@@ -34,13 +34,18 @@ def campaign(
     estimator: Annotated[list[str] | None, typer.Option(help="Repeatable. Default: all.", metavar="E")] = None,
     workers: Annotated[int | None, typer.Option(min=1, help="Processes. Default: one a core.", metavar="N")] = None,
     scheduler: Annotated[str | None, typer.Option(help="A Dask cluster instead.", metavar="tcp://HOST:PORT")] = None,
+    changes: Annotated[
+        list[str] | None, typer.Option("--set", help="Of companion.yaml; repeatable.", metavar="SECTION.KEY=VALUE")
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder of the results.", metavar="DIR")] = Path("out/campaign"),
 ) -> None:
     """Scenario x seed x estimator to Parquet and a table; a campaign that was stopped goes on where it was."""
+    from companion.settings import CompanionSettings  # noqa: PLC0415
     from sim import campaign as fleet  # noqa: PLC0415
 
     fleet.require_parquet()
-    jobs = fleet.jobs_of(scenarios, seeds, _estimators(estimator))
+    settings = CompanionSettings().with_assignments(changes or [])
+    jobs = fleet.jobs_of(scenarios, seeds, _estimators(estimator), settings)
     with fleet.executor_of(workers or os.cpu_count() or 1, scheduler) as executor, _job_bar(len(jobs)) as report:
         rows = fleet.run(jobs, executor, out, report)
     _print_campaign(fleet.summary(rows), fleet.failures(rows))

@@ -30,7 +30,7 @@ from sim.ports import Port
 from sim.profile import Profile
 from sim.scenario import Scenario
 from sim.sensors.barometer import Barometer
-from sim.sensors.gnss import GnssReceiver
+from sim.sensors.gnss import Fix, GnssReceiver
 from sim.sensors.imu import Imu
 from sim.vehicle import Heard, Vehicle
 from sim.weather import Weather
@@ -93,6 +93,8 @@ class Flight:
         Links get the log's rates instead of the flavour's own (ArduPlane's 1 Hz).
     flavour
         Whose autopilot the vehicle looks like, in place of the scenario's.
+    on_fix
+        Called with every fix as it reaches the autopilot.
     speed
         Simulated seconds a real one; None is as fast as possible.
     """
@@ -108,12 +110,14 @@ class Flight:
         speed: float | None = None,
         clock: Clock | None = None,
         flavour: FlavourName | None = None,
+        on_fix: Callable[[Fix], None] | None = None,
     ) -> None:
         self.scenario = scenario
         self.time_us = 0
         self._clock = clock or SystemClock()
         self._speed = speed
         self._stopped = False
+        self._on_fix = on_fix
         self._airborne = False
         self._received_bytes = 0
         self._ways: list[Way] = []
@@ -214,6 +218,8 @@ class Flight:
         fix = self.gnss.deliver(self.time_us)
         if fix is not None:
             self.vehicle.on_fix(fix)
+            if self._on_fix is not None:
+                self._on_fix(fix)
         for link, port in self._links:
             for _ in range(_READS_PER_TICK):
                 data = link.receive(0.0)

@@ -30,6 +30,8 @@ class Result:
     max_m: float = math.nan
     bias_m: float = math.nan
     unbiased_rmse_m: float = math.nan
+    takeoff_rmse_m: float = math.nan
+    """of the height above take-off: the source's own, else its altitude since arming or the first climb"""
     climb_rmse_mps: float = math.nan
     nees: float = math.nan
     """mean of (error / claimed standard deviation)^2: 1 is honest, more is overconfident"""
@@ -52,6 +54,8 @@ class Series:
     cost_us: float = math.nan
     accused: Accused | None = None
     """of estimators"""
+    takeoff_m: Array | None = None
+    """height above take-off, where the source tells it"""
 
 
 @dataclass(frozen=True)
@@ -84,6 +88,17 @@ def compare(
     """Run estimators over the log at `path`. Raises `LogFormatError`."""
     settings = settings or CompanionSettings()
     log = samples_of(path, settings, lambda fraction: on_progress(0.6 * fraction) if on_progress else None)
+    return compare_log(log, settings, settle_s, on_progress, estimators)
+
+
+def compare_log(
+    log: SampleLog,
+    settings: CompanionSettings,
+    settle_s: float = SETTLE_S,
+    on_progress: Callable[[float], None] | None = None,
+    estimators: Sequence[str] = tuple(ESTIMATORS),
+) -> Comparison:
+    """Run estimators over samples; `on_progress` is called with 0.6 to 1."""
     series = []
     for index, name in enumerate(estimators):
         series.append(estimate_series(name, log, settings))
@@ -101,7 +116,8 @@ def compare(
         truth_m = fixes.altitude_m if fixes is not None else np.zeros(0)
         truth_climb, reference = np.full(truth_us.shape, np.nan), "GNSS"
     baro = next((each for each in series if each.label == "raw barometer"), None)
-    results = [_judge(each, (truth_us, truth_m, truth_climb), baro, start_us) for each in series]
+    takeoff = takeoff_of(log, truth_us, truth_m)
+    results = [_judge(each, (truth_us, truth_m, truth_climb), baro, start_us, takeoff) for each in series]
     return Comparison(reference, series, results, truth_us, truth_m)
 
 
@@ -126,6 +142,7 @@ def estimate_series(name: str, log: SampleLog, settings: CompanionSettings) -> S
         _floats(estimates["altitude_sd_m"][chosen]),
         cost_us,
         _accused(estimates[chosen], arrival_us),
+        _floats(estimates["height_above_takeoff_m"][chosen]),
     )
 
 
@@ -133,6 +150,22 @@ def _accused(estimates: Rows, arrival_us: Array) -> Accused:
     """With the claimed onset, which is on the vehicle's clock, moved to the clock of arrival."""
     since_us = _floats(estimates["faulty_since_us"]) + arrival_us - _floats(estimates["time_us"])
     return Accused(arrival_us, np.asarray(estimates["faulty"], np.int64), since_us)
+
+
+def takeoff_of(log: SampleLog, truth_us: Array, truth_m: Array) -> tuple[float, float]:
+    """Take-off: its time (us) and true height (m); NaN where there is none.
+
+    Arming, as the vehicle says it; in a log of one that never arms, the start that it has climbed 2 m from.
+    """
+    if truth_m.size < 2:
+        return math.nan, math.nan
+    status = log[Kind.STATUS]
+    armed = np.flatnonzero(np.asarray(status["armed"]) == 1)
+    if armed.size:
+        time_us = float(status["time_us"][armed[0]])
+        return time_us, float(np.interp(time_us, truth_us, truth_m))
+    climbed = np.flatnonzero(truth_m > truth_m[0] + 2.0)
+    return (float(truth_us[climbed[0]]), float(truth_m[0])) if climbed.size else (math.nan, math.nan)
 
 
 def raw_series(log: SampleLog) -> list[Series]:
@@ -197,7 +230,13 @@ def plot(comparison: Comparison, path: Path, title: str) -> None:
     plt.close(figure)
 
 
-def _judge(series: Series, reference: tuple[Array, Array, Array], baro: Series | None, start_us: float) -> Result:
+def _judge(
+    series: Series,
+    reference: tuple[Array, Array, Array],
+    baro: Series | None,
+    start_us: float,
+    takeoff: tuple[float, float],
+) -> Result:
     reference_us, reference_m, reference_climb = reference
     late = series.times_us >= start_us
     times_us, altitude_m = series.times_us[late], series.altitude_m[late]
@@ -216,12 +255,30 @@ def _judge(series: Series, reference: tuple[Array, Array, Array], baro: Series |
         found.max_m,
         found.bias_m,
         found.unbiased_rmse_m,
+        _takeoff_rmse_m(series, reference_us, reference_m, start_us, takeoff),
         climb.rmse_m if climb is not None else math.nan,
         _mean(standardised),
         float(np.nanmedian(sd_m)) if np.isfinite(sd_m).any() else math.nan,
         against_baro.unbiased_rmse_m if against_baro is not None else math.nan,
         series.cost_us,
     )
+
+
+def _takeoff_rmse_m(
+    series: Series, truth_us: Array, truth_m: Array, start_us: float, takeoff: tuple[float, float]
+) -> float:
+    """After take-off and the time to settle, against the truth's height above take-off."""
+    takeoff_us, ground_m = takeoff
+    flown = series.times_us >= takeoff_us
+    if not flown.any():
+        return math.nan
+    own, altitude_m = series.takeoff_m, series.altitude_m
+    if own is None or not np.isfinite(own).any():
+        then_m = float(np.interp(takeoff_us, truth_us, truth_m))
+        own = altitude_m - altitude_m[flown][0] + then_m - ground_m
+    late = flown & (series.times_us >= start_us)
+    found = errors(own[late], truth_at(series.times_us[late], truth_us, truth_m) - ground_m)
+    return found.rmse_m if found is not None else math.nan
 
 
 def _mean(values: Array) -> float:

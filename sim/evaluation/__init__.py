@@ -56,6 +56,7 @@ class Section:
 
 _SECTIONS: tuple[Section, ...] = (
     Section("bound", "The papers' common scenarios and the Cramer-Rao bound", "bound_section", 200),
+    Section("flights", "Simulated and recorded flights", "flights", 24),
 )
 
 SECTIONS: dict[str, Section] = {section.key: section for section in _SECTIONS}

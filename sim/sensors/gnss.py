@@ -105,6 +105,8 @@ class Fix(NamedTuple):
     altitude_ellipsoid_m: float
     north_mps: float
     east_mps: float
+    climb_mps: float
+    """GPS_RAW_INT has none; logs of the autopilot's own have"""
     horizontal_sd_m: float
     vertical_sd_m: float
     velocity_sd_mps: float
@@ -138,6 +140,7 @@ class GnssReceiver:
         self._white_east = normals(seed, "gnss", "east", "white")
         self._white_up = normals(seed, "gnss", "up", "white")
         self._velocity = normals(seed, "gnss", "velocity")
+        self._climb = normals(seed, "gnss", "climb")
         self._jitter = normals(seed, "gnss", "jitter")
         self._multipath = GaussMarkov(
             config.multipath_sd_m, config.multipath_time_s, dt_s, normals(seed, "gnss", "multipath")
@@ -179,6 +182,7 @@ class GnssReceiver:
             altitude_m + config.undulation_m,
             north_mps,
             east_mps,
+            config.velocity_sd_mps * next(self._climb) - truth.down_mps,
             self.horizontal_sd_m,
             self.vertical_sd_m,
             config.velocity_sd_mps,

@@ -1,5 +1,6 @@
 """companion.yaml as a whole: the resolved configuration, the estimators' sections, options over files."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -108,3 +109,29 @@ def test_every_quantity_names_its_unit() -> None:
     for key, info in leaves(CompanionSettings()):
         if info.annotation is float and not unit_of(key):
             assert key.rsplit("_", 1)[-1] in shares or key.rsplit(".", 1)[-1] in papers, key
+
+
+class TestAssignments:
+    def test_a_value_of_any_section_is_replaced(self) -> None:
+        changed = CompanionSettings().with_assignments(
+            ["estimators.vertical-bank.rate_sd_mps=[0, 0, 0]", "publish.altitude=always", "estimator=vertical-bank"]
+        )
+        assert changed.section("vertical-bank").model_dump()["rate_sd_mps"] == (0.0, 0.0, 0.0)
+        assert (changed.publish.altitude, changed.estimator) == ("always", "vertical-bank")
+        assert CompanionSettings().with_assignments([]) == CompanionSettings()
+
+    @pytest.mark.parametrize(
+        ("text", "said"),
+        [
+            ("publish.altitude", "give SECTION.KEY=VALUE"),
+            ("publsh.altitude=always", "no such section"),
+            ("estimator.x.y=1", "no such section"),
+            ("publish.altitude_hz=500", "publish.altitude_hz: 500 is out of range"),
+            ("publish.altitud=1", "unknown key; did you mean `altitude`"),
+            ("publish.altitude=[", "neither a number, a text nor a list"),
+        ],
+    )
+    def test_a_mistake_is_one_line(self, text: str, said: str) -> None:
+        with pytest.raises(ConfigError, match=re.escape(said)) as failure:
+            CompanionSettings().with_assignments([text])
+        assert "\n" not in str(failure.value)

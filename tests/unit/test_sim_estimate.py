@@ -20,7 +20,7 @@ def pressure_pa(altitude_m: float) -> float:
 
 def fix(time_us: int, altitude_m: float, fix_type: int = 3) -> Fix:
     return Fix(
-        time_us, time_us, fix_type, 47.0, 8.0, altitude_m, altitude_m + 47.6, 30.0, 0.0, 2.5, 4.2, 0.1, 14, 80, 130
+        time_us, time_us, fix_type, 47.0, 8.0, altitude_m, altitude_m + 47.6, 30.0, 0.0, 0.0, 2.5, 4.2, 0.1, 14, 80, 130
     )
 
 

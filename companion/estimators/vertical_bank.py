@@ -465,6 +465,8 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     verdict = judge_gnss(state, sample)
     if verdict != USED:
         return tally(state, GNSS, verdict)
+    if instance == 0 and time_us - s.last_us[GNSS, 0] > SILENT_US:
+        s.near_fix_m, s.latched = math.nan, 0
     place(state, GNSS, instance, time_us)
     silent = time_us - s.last_us[GNSS, 0] > SILENT_US
     if instance == 0 or silent:

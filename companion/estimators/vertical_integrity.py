@@ -11,19 +11,20 @@ beyond six of its own sigma, or the same value for ten of its
 own intervals while the vehicle moves
 four of five fixes beyond five sigma                            GNSS is wrong; but just after the barometer was
                                                                 blamed: two sensors contradict the IMU, so it is
-the bank parts from the copy without GNSS by five sigma, faster GNSS is wrong, and the bank goes back to that copy
-than weather can drift
+the bank parts from a copy without GNSS by five sigma, faster   GNSS is wrong, and the bank goes back to the youngest
+than weather can drift                                          copy from before
 the same, slower                                                weather: the spread grows, nobody is blamed
 four of five fixes beyond, and a second receiver agrees         the bank has drifted: nobody is blamed
 four of five fixes beyond, taking back what had parted          GNSS was wrong and is right again
 ==============================================================  ================================================
 
 A sensor comes back by evidence: the barometer when it has followed the bank's motion for `STEADY_S` (its offset is
-then learned anew), GNSS when it has been near the height without it for as long (an absolute condition, or a lasting
-step would be accepted as soon as the spread has grown), the IMU after a while on trial.
+then learned anew), GNSS when it has been near the height without it for as long and moved no faster than weather, the
+IMU after a while on trial. A GNSS that left with a jump stays out until it jumps back, while doubt in the height
+explains what it has moved since (or a lasting step would be accepted as soon as the spread has grown).
 
-The copy without GNSS is two: seeded from the bank in turns, `SEED_S` apart, so that one of them always remembers
-a time before a slow fault.
+The copies without GNSS are seeded from the bank in turns, `SEED_S` apart: the old ones remember a time before a slow
+fault, the young ones know the weather of now.
 
 The variance of the separation of an optimal estimate and one from fewer data is the difference of their variances.
 """
@@ -50,9 +51,9 @@ from companion.estimators.vertical_channel import (
 from companion.estimators.vertical_mixture import (
     BANK,
     CHANNELS,
-    EARLIER,
-    LATER,
+    FREE,
     NO_BARO,
+    NO_GNSS,
     NO_IMU,
     STIFF,
     TAKEOFF,
@@ -82,9 +83,11 @@ STEADY_GNSS_M = 13.0
 JUMP_SIGMA = 4.0
 AWAY_WEIGHT = 0.2
 RELEARNED_M2 = 1e4
-SEED_S = 50.0
-YOUNGEST_S = 30.0
+SEED_S = 25.0
+YOUNGEST_S = 20.0
 """a copy this old has had time to part"""
+ONSET_DOUBT_S = 5.0
+"""of when it began to part"""
 PARTED_SIGMA = 5.0
 PARTED_FLOOR_M2 = 0.25
 SLOPE_TIME_S = 10.0
@@ -92,6 +95,8 @@ FASTEST_WEATHER_MPS = 1.0
 """two hectopascals a minute are 0.28 m/s; the warmest ramp of a front at 3 km adds as much"""
 DOUBT_TIME_S = 300.0
 """in which doubt in the height without GNSS grows by a sigma"""
+DEFENDED_SD_M = 30.0
+"""a height without GNSS that is worse is of no use: better a GNSS that may be wrong"""
 INFLATED_TIME_S = 200.0
 TAKEN_BACK_M = 3.0
 IMU_SUSPECT_US = 30_000_000
@@ -118,15 +123,15 @@ def integrity_fields() -> tuple[tuple[Any, ...], ...]:
         ("steady_m", "f8"),
         ("smooth_m", "f8"),
         ("failed_fixes", "i8"),  # bits, newest lowest
-        ("near_us", "i8"),  # a blamed GNSS is near since, -1 not
+        ("near_us", "i8"),  # a blamed GNSS is near, and no faster than weather, since; -1 not
+        ("near_m", "f8"),  # and was so far away then
         ("away_m", "f8"),  # how far it is from the bank, smoothed
         ("jumps_m", "f8"),  # sum of its jumps, that of its fault included
-        ("seeded_us", "i8", (2,)),  # of the copies without GNSS, -1 never
-        ("separation_m", "f8"),  # bank less the older of them
-        ("separation_sd_m", "f8"),
-        ("separation_mean_m", "f8"),
+        ("near_fix_m", "f8"),  # innovation of the last fix within the gate, NaN after a silence
+        ("latched", "i8"),  # 1: what GNSS is blamed for came as a jump
+        ("seeded_us", "i8", (FREE,)),  # of the copies without GNSS, -1 never
+        ("separation_mean_m", "f8", (FREE,)),  # bank less copy, smoothed; NaN while the copy is too young
         ("separation_us", "i8"),
-        ("separation_from", "i8"),
         ("excess_m", "f8"),  # of the separation over what is normal: nobody's fault, but somebody's error
         ("takeoff_us", "i8"),  # -1 before
         ("takeoff_climbing_us", "i8"),
@@ -146,11 +151,11 @@ def integrity_start(state: Rows, params: Rows) -> None:
     s.baro_value_us, s.baro_repeats, s.baro_interval_s, s.baro_frozen = -1, 0, math.nan, 0
     s.onset_above, s.onset_below, s.onset_mean, s.stiff_seeded = 0, 0, 0.0, 0
     s.steady_us, s.steady_m, s.smooth_m = -1, 0.0, 0.0
-    s.failed_fixes, s.near_us = 0, -1
+    s.failed_fixes, s.near_us, s.near_m = 0, -1, 0.0
     s.away_m, s.jumps_m = math.nan, math.nan
-    s.seeded_us[0], s.seeded_us[1] = -1, -1
-    s.separation_m, s.separation_sd_m, s.separation_mean_m = math.nan, math.nan, 0.0
-    s.separation_us, s.separation_from = -1, -1
+    s.near_fix_m, s.latched = math.nan, 0
+    forget_copies(state)
+    s.separation_us = -1
     s.excess_m = 0.0
     s.takeoff_us, s.takeoff_climbing_us, s.takeoff_handed_over = -1, -1, 0
     s.takeoff_reference_m, s.takeoff_var_m2 = math.nan, math.nan
@@ -172,7 +177,7 @@ def blame(state: Rows, fault: int) -> None:
     s = state[0]
     s.blamed_us[fault] = s.filter_us
     s.steady_us, s.near_us = -1, -1
-    s.failed_fixes = 0
+    s.failed_fixes, s.latched = 0, 0
     s.jumps_m = math.nan
     if fault == BAROMETER:
         s.stiff_seeded = 0
@@ -289,7 +294,7 @@ def baro_comes_back(state: Rows, params: Rows, baro_m: float, white_m: float) ->
         return False
     s.blamed_us[BAROMETER] = -1
     relearn_offset(state, RELEARNED_M2)
-    s.seeded_us[0], s.seeded_us[1] = -1, -1
+    forget_copies(state)
     return True
 
 
@@ -299,7 +304,8 @@ def relearn_offset(state: Rows, variance_m2: float) -> None:
     s = state[0]
     for i in range(BANK):
         s.P[i, OFFSET, OFFSET] += variance_m2
-    for i in (EARLIER, LATER, NO_IMU):
+    s.P[NO_IMU, OFFSET, OFFSET] += variance_m2
+    for i in range(NO_GNSS, NO_GNSS + FREE):
         s.P[i, OFFSET, OFFSET] += variance_m2
 
 
@@ -311,6 +317,8 @@ def watch_fix(state: Rows, failed: bool) -> bool:
     """Count fixes beyond the gate, and blame for four of five; whether this fix may be taken."""
     s = state[0]
     s.failed_fixes = ((s.failed_fixes << 1) | (1 if failed else 0)) & ((1 << FIXES) - 1)
+    if not failed:
+        s.near_fix_m = s.innovation_m
     if bits(s.failed_fixes) < FAILED_FIXES or is_blamed(state, INERTIAL):
         return not failed
     if abs(s.excess_m) > TAKEN_BACK_M and s.excess_m * s.innovation_m < 0.0:
@@ -323,6 +331,7 @@ def watch_fix(state: Rows, failed: bool) -> bool:
         return True
     if not is_blamed(state, BAROMETER):
         blame(state, GNSS_HEIGHT)
+        s.latched = 1 if abs(s.innovation_m - s.near_fix_m) > STEADY_GNSS_M else 0
     elif s.baro_frozen == 0 and s.filter_us - s.blamed_us[BAROMETER] < IMU_SUSPECT_US:
         s.blamed_us[BAROMETER] = -1
         blame(state, INERTIAL)
@@ -343,7 +352,8 @@ def gnss_comes_back(state: Rows, away_m: float, R: float) -> bool:
     """Whether a blamed GNSS has been near the height without it for long enough, or its jumps have cancelled.
 
     What parts slowly while GNSS is left out may be the weather under the barometer. So the jumps of the fixes against
-    the bank are added up: a fault that came with one has gone when another takes it back.
+    the bank are added up: a fault that came with one has gone when another takes it back. Until then it stays out as
+    long as doubt in the height explains what the fixes have moved since, and the height is worth defending.
     """
     s = state[0]
     if math.isnan(s.jumps_m):
@@ -355,17 +365,22 @@ def gnss_comes_back(state: Rows, away_m: float, R: float) -> bool:
         s.near_us = -1
     s.away_m += AWAY_WEIGHT * (away_m - s.away_m)
     doubt = 2.0 + (s.filter_us - s.blamed_us[GNSS_HEIGHT]) * 1e-6 / DOUBT_TIME_S
-    limit_m = max(STEADY_GNSS_M, doubt * math.sqrt(s.cov[HEIGHT, HEIGHT]))
+    sd_m = math.sqrt(s.cov[HEIGHT, HEIGHT])
+    as_it_came = abs(s.away_m - s.jumps_m) <= STEADY_GNSS_M + 2.0 * sd_m
+    held = s.latched == 1 and as_it_came and sd_m < DEFENDED_SD_M
+    limit_m = STEADY_GNSS_M if held else max(STEADY_GNSS_M, doubt * sd_m)
     if abs(away_m) > limit_m and abs(s.jumps_m) > STEADY_GNSS_M:
         s.near_us = -1
         return False
-    if s.near_us < 0:
-        s.near_us = s.filter_us
+    if s.near_us < 0 or abs(s.away_m - s.near_m) > FASTEST_WEATHER_MPS * STEADY_S:
+        s.near_us, s.near_m = s.filter_us, s.away_m
     if (s.filter_us - s.near_us) * 1e-6 < STEADY_S:
         return False
     s.blamed_us[GNSS_HEIGHT] = -1
     s.failed_fixes = 0
     reopen(state, s.away_m)
+    if min(abs(s.away_m), abs(s.jumps_m)) > STEADY_GNSS_M:
+        s.excess_m = s.away_m  # either may have been wrong: the spread says so, and a jump back is believed
     return True
 
 
@@ -374,7 +389,7 @@ def reopen(state: Rows, away_m: float) -> None:
     """The height has drifted this far, and the offset with it, since what the barometer reads stays explained."""
     s = state[0]
     variance_m2 = away_m * away_m
-    s.seeded_us[0], s.seeded_us[1] = -1, -1
+    forget_copies(state)
     for i in range(CHANNELS):
         if not follows_gnss(i):
             continue
@@ -388,47 +403,74 @@ def reopen(state: Rows, away_m: float) -> None:
 
 @step
 def separate(state: Rows, params: Rows) -> None:
-    """Hold the bank against its copy without GNSS, and seed the copies in turns. Call it after a fix, combined."""
+    """Hold the bank against its copies without GNSS, and seed these in turns. Call it after a fix, combined.
+
+    The oldest copy says how much of what has parted nobody is blamed for. A copy that has parted by a line, at its
+    present slope, began to |separation| / |slope| ago: of those seeded before that, the youngest is the one to trust.
+    """
     s = state[0]
     if is_blamed(state, BAROMETER) or is_blamed(state, GNSS_HEIGHT) or is_blamed(state, INERTIAL):
         return
-    older = EARLIER if s.seeded_us[0] <= s.seeded_us[1] else LATER
-    age_s = (s.filter_us - s.seeded_us[older - EARLIER]) * 1e-6
+    oldest, youngest_us, onset_s = 0, -1, math.nan
+    for j in range(FREE):
+        if s.seeded_us[j] < s.seeded_us[oldest]:
+            oldest = j
+        youngest_us = max(youngest_us, s.seeded_us[j])
     elapsed_s = (s.filter_us - s.separation_us) * 1e-6
     s.excess_m *= math.exp(-min(elapsed_s, INFLATED_TIME_S) / INFLATED_TIME_S)
     s.separation_us = s.filter_us
-    if s.seeded_us[older - EARLIER] >= 0 and age_s >= YOUNGEST_S:
-        apart_m = s.average[HEIGHT] - s.x[older, HEIGHT]
-        variance = max(0.0, s.P[older, HEIGHT, HEIGHT] - s.cov[HEIGHT, HEIGHT]) + PARTED_FLOOR_M2
-        s.separation_m, s.separation_sd_m = apart_m, math.sqrt(variance)
-        if s.separation_from != s.seeded_us[older - EARLIER]:
-            s.separation_from, s.separation_mean_m = s.seeded_us[older - EARLIER], apart_m
-        s.separation_mean_m += min(1.0, elapsed_s / SLOPE_TIME_S) * (apart_m - s.separation_mean_m)
-        slope_mps = (apart_m - s.separation_mean_m) / SLOPE_TIME_S
-        excess_m = abs(apart_m) - PARTED_SIGMA * s.separation_sd_m
-        impossible = excess_m > 0.0 and abs(slope_mps) > FASTEST_WEATHER_MPS
-        if impossible and not a_witness_agrees(state, RECEIVER, s.innovation_m, STEADY_GNSS_M):
-            blame(state, GNSS_HEIGHT)
-            return_to(state, older)
-            return
-        if excess_m > abs(s.excess_m):
+    for j in range(FREE):
+        i = NO_GNSS + j
+        if s.seeded_us[j] < 0 or (s.filter_us - s.seeded_us[j]) * 1e-6 < YOUNGEST_S:
+            continue
+        apart_m = s.average[HEIGHT] - s.x[i, HEIGHT]
+        variance = max(0.0, s.P[i, HEIGHT, HEIGHT] - s.cov[HEIGHT, HEIGHT]) + PARTED_FLOOR_M2
+        if math.isnan(s.separation_mean_m[j]):
+            s.separation_mean_m[j] = apart_m
+        s.separation_mean_m[j] += min(1.0, elapsed_s / SLOPE_TIME_S) * (apart_m - s.separation_mean_m[j])
+        slope_mps = (apart_m - s.separation_mean_m[j]) / SLOPE_TIME_S
+        excess_m = abs(apart_m) - PARTED_SIGMA * math.sqrt(variance)
+        if excess_m > 0.0 and abs(slope_mps) > FASTEST_WEATHER_MPS and math.isnan(onset_s):
+            onset_s = abs(apart_m / slope_mps) + ONSET_DOUBT_S
+        if j == oldest and excess_m > abs(s.excess_m):
             s.excess_m = math.copysign(excess_m, apart_m)
-    youngest_us = max(s.seeded_us[0], s.seeded_us[1])
+    if not math.isnan(onset_s) and not a_witness_agrees(state, RECEIVER, s.innovation_m, STEADY_GNSS_M):
+        blame(state, GNSS_HEIGHT)
+        return_to(state, NO_GNSS + copy_from_before(state, s.filter_us - round(onset_s * 1e6), oldest))
+        return
     if youngest_us < 0 or (s.filter_us - youngest_us) * 1e-6 >= SEED_S:
-        seed_without_gnss(state, params, older)
+        seed_without_gnss(state, params, oldest)
 
 
 @step
-def seed_without_gnss(state: Rows, params: Rows, i: int) -> None:
-    """Copy `i` starts from the bank, in weather as the bank sees it."""
-    s, p = state[0], params[0]
+def copy_from_before(state: Rows, onset_us: int, oldest: int) -> int:
+    """The youngest copy without GNSS that was seeded before an instant; the oldest if none was."""
+    s, found = state[0], oldest
+    for j in range(FREE):
+        if s.seeded_us[found] < s.seeded_us[j] <= onset_us:
+            found = j
+    return found
+
+
+@step
+def seed_without_gnss(state: Rows, params: Rows, j: int) -> None:
+    """A copy without GNSS starts from the bank, in weather as the bank sees it."""
+    s, p, i = state[0], params[0], NO_GNSS + j
     duplicate(s.x[i], s.P[i], s.average, s.cov)
     variance = 0.0
-    for j in range(BANK):
-        variance += s.probability[j] * p.rate_sd_mps[j] * p.rate_sd_mps[j]
+    for k in range(BANK):
+        variance += s.probability[k] * p.rate_sd_mps[k] * p.rate_sd_mps[k]
     expect_weather(state, params, i, math.sqrt(variance))
     s.steady[i, GNSS_BIAS] = s.steady[0, GNSS_BIAS]
-    s.seeded_us[i - EARLIER] = s.filter_us
+    s.seeded_us[j], s.separation_mean_m[j] = s.filter_us, math.nan
+
+
+@step
+def forget_copies(state: Rows) -> None:
+    """The copies without GNSS were seeded from a bank that was wrong."""
+    s = state[0]
+    for j in range(FREE):
+        s.seeded_us[j], s.separation_mean_m[j] = -1, math.nan
 
 
 # Take-off
@@ -532,12 +574,15 @@ def protection_level_m(state: Rows, params: Rows) -> float:
     level_m = p.protection_sigma * spread_m(state)
     if math.isnan(p.fault_sigma):
         return level_m
-    older = EARLIER if s.seeded_us[0] <= s.seeded_us[1] else LATER
+    oldest = 0
+    for j in range(FREE):
+        if s.seeded_us[j] < s.seeded_us[oldest]:
+            oldest = j
     for i in range(BANK, CHANNELS):
-        without_gnss = i in (EARLIER, LATER)
+        without_gnss = i >= NO_GNSS
         if i in (STIFF, TAKEOFF) or (i == NO_BARO and is_blamed(state, GNSS_HEIGHT)):
             continue
-        if without_gnss and (i != older or s.seeded_us[i - EARLIER] < 0 or is_blamed(state, BAROMETER)):
+        if without_gnss and (i != NO_GNSS + oldest or s.seeded_us[oldest] < 0 or is_blamed(state, BAROMETER)):
             continue
         apart_m = abs(s.average[HEIGHT] - s.x[i, HEIGHT])
         level_m = max(level_m, apart_m + p.fault_sigma * math.sqrt(s.P[i, HEIGHT, HEIGHT]))

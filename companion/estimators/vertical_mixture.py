@@ -30,10 +30,11 @@ from companion.ring import at, clear, push, ring_fields
 from companion.samples import Rows
 
 BANK = 3
-NO_BARO, EARLIER, LATER, NO_IMU, STIFF, TAKEOFF = range(BANK, 9)
-"""the copies: without barometer; without GNSS since two different instants; without IMU; of barometer and IMU alone,
-believing both, since now and since take-off"""
-CHANNELS = 9
+FREE = 4
+NO_BARO, NO_IMU, STIFF, TAKEOFF, NO_GNSS = range(BANK, BANK + 5)
+"""the copies: without barometer; without IMU; of barometer and IMU alone, believing both, since now and since take-off;
+and, from `NO_GNSS` on, `FREE` of them without GNSS since different instants"""
+CHANNELS = NO_GNSS + FREE
 
 BLIND_US = 250_000
 """IMU samples further apart than this leave a gap that nothing is known about"""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from companion.estimators import vertical_bank as vb
 from companion.estimators.method import Filter, run_log
 from companion.samples import Fault, Kind, Rows, Verdict, sample
-from tests.flights import Flight, flight
+from tests.flights import Flight, Plan, flight
 
 Array = NDArray[np.float64]
 
@@ -180,6 +180,32 @@ def test_gnss_step_is_excluded_and_stays_so_while_it_is_wrong() -> None:
     assert 220.0 <= back_s <= 230.0
     _, error, elapsed_s = fly(made)
     assert np.abs(error[elapsed_s > 60.0]).max() < 6.0
+
+
+@pytest.mark.parametrize("step_m", [30.0, -30.0])
+def test_gnss_that_jumped_stays_out_for_as_long_as_it_is_wrong(step_m: float) -> None:
+    """Ten minutes: the spread of the height without it has long grown beyond the step."""
+    made = flight(Plan(duration_s=800))
+    wrong = made.within(Kind.GNSS, 120.0, 720.0)
+    made.tables[Kind.GNSS]["altitude_amsl_m"][wrong] += step_m
+    estimates, error, elapsed_s = fly(made)
+    settled = (elapsed_s > 122.0) & (elapsed_s < 719.0)
+    assert (estimates["faulty"][settled] == Fault.GNSS).all()
+    assert np.abs(error[elapsed_s > 60.0]).max() < 15.0
+    assert (estimates["faulty"][elapsed_s > 730.0] == Fault.NONE).all()
+
+
+@pytest.mark.parametrize("rate_mps", [2.0, -2.0])
+def test_gnss_that_slides_does_not_come_back_while_it_moves(rate_mps: float) -> None:
+    made = flight()
+    wrong = made.within(Kind.GNSS, 120.0, 200.0)
+    elapsed_s = made.elapsed_s(made.tables[Kind.GNSS]["time_us"])
+    made.tables[Kind.GNSS]["altitude_amsl_m"][wrong] += rate_mps * (elapsed_s[wrong] - 120.0)
+    estimates, error, elapsed_s = fly(made)
+    named = (elapsed_s > 120.0) & (estimates["faulty"] == Fault.GNSS)
+    assert elapsed_s[named][0] - 120.0 <= 20.0
+    assert (estimates["faulty"][(elapsed_s > elapsed_s[named][0]) & (elapsed_s < 199.0)] == Fault.GNSS).all()
+    assert np.abs(error[elapsed_s > 60.0]).max() < 20.0
 
 
 def test_weather_is_nobodys_fault() -> None:

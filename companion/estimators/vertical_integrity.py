@@ -80,7 +80,7 @@ SMOOTHING_S = 1.0
 STEADY_BARO_M = 1.0
 STEADY_GNSS_M = 13.0
 """under half of the 30 m step that must stay out, over four sigma of a healthy receiver"""
-JUMP_SIGMA = 4.0
+JUMP_SIGMA, JUMP_FIXES = 4.0, 3
 AWAY_WEIGHT = 0.2
 RELEARNED_M2 = 1e4
 SEED_S = 25.0
@@ -126,7 +126,10 @@ def integrity_fields() -> tuple[tuple[Any, ...], ...]:
         ("near_us", "i8"),  # a blamed GNSS is near, and no faster than weather, since; -1 not
         ("near_m", "f8"),  # and was so far away then
         ("away_m", "f8"),  # how far it is from the bank, smoothed
+        ("away_fixes", "i8"),
         ("jumps_m", "f8"),  # sum of its jumps, that of its fault included
+        ("jump_m", "f8"),  # of the last fixes, not yet believed
+        ("jumped_fixes", "i8"),
         ("near_fix_m", "f8"),  # innovation of the last fix within the gate, NaN after a silence
         ("latched", "i8"),  # 1: what GNSS is blamed for came as a jump
         ("seeded_us", "i8", (FREE,)),  # of the copies without GNSS, -1 never
@@ -152,7 +155,7 @@ def integrity_start(state: Rows, params: Rows) -> None:
     s.onset_above, s.onset_below, s.onset_mean, s.stiff_seeded = 0, 0, 0.0, 0
     s.steady_us, s.steady_m, s.smooth_m = -1, 0.0, 0.0
     s.failed_fixes, s.near_us, s.near_m = 0, -1, 0.0
-    s.away_m, s.jumps_m = math.nan, math.nan
+    s.away_fixes, s.away_m, s.jumps_m, s.jumped_fixes, s.jump_m = 0, math.nan, 0.0, 0, 0.0
     s.near_fix_m, s.latched = math.nan, 0
     forget_copies(state)
     s.separation_us = -1
@@ -178,7 +181,7 @@ def blame(state: Rows, fault: int) -> None:
     s.blamed_us[fault] = s.filter_us
     s.steady_us, s.near_us = -1, -1
     s.failed_fixes, s.latched = 0, 0
-    s.jumps_m = math.nan
+    s.away_fixes, s.jumps_m, s.jumped_fixes, s.jump_m = 0, 0.0, 0, 0.0
     if fault == BAROMETER:
         s.stiff_seeded = 0
         hand_over(state)
@@ -356,14 +359,7 @@ def gnss_comes_back(state: Rows, away_m: float, R: float) -> bool:
     long as doubt in the height explains what the fixes have moved since, and the height is worth defending.
     """
     s = state[0]
-    if math.isnan(s.jumps_m):
-        s.jumps_m, s.away_m = away_m, away_m
-    change_m = away_m - s.away_m
-    if abs(change_m) > JUMP_SIGMA * math.sqrt(R):
-        s.jumps_m += change_m
-        s.away_m = away_m
-        s.near_us = -1
-    s.away_m += AWAY_WEIGHT * (away_m - s.away_m)
+    note_jump(state, away_m, R)
     doubt = 2.0 + (s.filter_us - s.blamed_us[GNSS_HEIGHT]) * 1e-6 / DOUBT_TIME_S
     sd_m = math.sqrt(s.cov[HEIGHT, HEIGHT])
     as_it_came = abs(s.away_m - s.jumps_m) <= STEADY_GNSS_M + 2.0 * sd_m
@@ -382,6 +378,30 @@ def gnss_comes_back(state: Rows, away_m: float, R: float) -> bool:
     if min(abs(s.away_m), abs(s.jumps_m)) > STEADY_GNSS_M:
         s.excess_m = s.away_m  # either may have been wrong: the spread says so, and a jump back is believed
     return True
+
+
+@step
+def note_jump(state: Rows, away_m: float, R: float) -> None:
+    """How far a blamed GNSS is, smoothed, and the sum of its jumps: what `JUMP_FIXES` in a row agree on."""
+    s = state[0]
+    if s.away_fixes < JUMP_FIXES:
+        s.away_fixes += 1
+        s.jumps_m += (away_m - s.jumps_m) / s.away_fixes
+        s.away_m = s.jumps_m
+        return
+    change_m = away_m - s.away_m
+    if abs(change_m) <= JUMP_SIGMA * math.sqrt(R):
+        s.jumped_fixes, s.jump_m = 0, 0.0
+        s.away_m += AWAY_WEIGHT * change_m
+        return
+    if change_m * s.jump_m < 0.0:
+        s.jumped_fixes, s.jump_m = 0, 0.0
+    s.jumped_fixes += 1
+    s.jump_m += (change_m - s.jump_m) / s.jumped_fixes
+    if s.jumped_fixes >= JUMP_FIXES:
+        s.jumps_m += s.jump_m
+        s.away_m += s.jump_m
+        s.jumped_fixes, s.jump_m, s.near_us = 0, 0.0, -1
 
 
 @step

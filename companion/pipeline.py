@@ -4,6 +4,7 @@ Live and replay run this same code; it knows no link, no file and no host clock,
 estimates and the same output messages, bit for bit.
 """
 
+import copy
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
@@ -107,6 +108,16 @@ class Pipeline:
         self._wants_imu = observer is not None or Kind.IMU in self.filter.method.uses
         if observer is not None:
             self._wanted |= {SIM_STATE, GLOBAL_POSITION_INT}
+
+    def branch(self, observer: Observer) -> "Pipeline":
+        """A second pipeline that goes on from here by itself, as if the packets differed from now on. It sends nothing.
+
+        The two share the decoder, which keeps nothing between datagrams but its counters.
+        """
+        other = copy.deepcopy(self, {id(each): each for each in (self.decoder, self._encoder, self._observer)})
+        other._encoder = None
+        other.observe(observer)
+        return other
 
     def on_own_ids(self, callback: Callable[[Frame], None]) -> None:
         """Call back for every frame that carries our own ids."""

@@ -25,6 +25,9 @@ HIGHRES_IMU: int = mavlink.MAVLINK_MSG_ID_HIGHRES_IMU
 
 _AXES = "xyz"
 _MG = 1e-3 * G0_MPS2
+_P0_PA, _T0_K, _LAPSE_KPM = 101_325.0, 288.15, 6.5e-3
+_TROPOSPHERE = 287.05287 * _LAPSE_KPM / G0_MPS2
+"""exponent of T / T_0 = (p / p_0)^x in the standard atmosphere below 11 km"""
 
 
 class Quantity(NamedTuple):
@@ -44,13 +47,24 @@ class Quantity(NamedTuple):
                 message[name] = message[name] * factor
 
 
+class PressureAltitude(Quantity):
+    """Pressure in metres of the standard atmosphere's troposphere: higher is a lower pressure."""
+
+    def shift(self, message: Editor, by: float) -> None:
+        for name, size in self.fields[message.message_id]:
+            ratio = max(0.0, message[name] * size / _P0_PA) ** _TROPOSPHERE - by * _LAPSE_KPM / _T0_K
+            message[name] = _P0_PA * max(0.0, ratio) ** (1.0 / _TROPOSPHERE) / size
+
+
 def _inertial(kind: str, axis: str, milli: float) -> Quantity:
     fields = dict.fromkeys((RAW_IMU, SCALED_IMU), ((f"{axis}{kind}", milli),))
     return Quantity("m/s2" if kind == "acc" else "rad/s", {**fields, HIGHRES_IMU: ((f"{axis}{kind}", 1.0),)})
 
 
+_PRESSURES = {PRESSURE: (("press_abs", 100.0),), HIGHRES_IMU: (("abs_pressure", 100.0),)}
 QUANTITIES: Mapping[str, Quantity] = {
-    "pressure": Quantity("Pa", {PRESSURE: (("press_abs", 100.0),), HIGHRES_IMU: (("abs_pressure", 100.0),)}),
+    "pressure": Quantity("Pa", _PRESSURES),
+    "pressure_altitude": PressureAltitude("m", _PRESSURES),
     "die_temperature": Quantity("K", {PRESSURE: (("temperature", 0.01),), HIGHRES_IMU: (("temperature", 1.0),)}),
     "gnss_height": Quantity("m", {GPS: (("alt", 1e-3), ("alt_ellipsoid", 1e-3))}),
     "gnss_speed": Quantity("m/s", {GPS: (("vel", 1e-2),)}),
@@ -91,10 +105,10 @@ class ValueFault(Fault):
     """The parameters of faults of one quantity."""
 
     quantity: Literal[
-        "pressure", "die_temperature", "gnss_height", "gnss_speed", "accel_x", "accel_y", "accel_z", "gyro_x",
-        "gyro_y", "gyro_z",
+        "pressure", "pressure_altitude", "die_temperature", "gnss_height", "gnss_speed", "accel_x", "accel_y",
+        "accel_z", "gyro_x", "gyro_y", "gyro_z",
     ] = "pressure"  # fmt: skip
-    """in Pa, K, m, m/s, m/s2 or rad/s"""
+    """in Pa, m, K, m, m/s, m/s2 or rad/s"""
 
     @property
     def target(self) -> Quantity:

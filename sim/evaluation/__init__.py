@@ -57,6 +57,8 @@ class Section:
 _SECTIONS: tuple[Section, ...] = (
     Section("bound", "The papers' common scenarios and the Cramer-Rao bound", "bound_section", 200),
     Section("flights", "Simulated and recorded flights", "flights", 24),
+    Section("faults", "Sensor faults", "faults", 2),
+    Section("protection", "Protection level and false alarms", "protection", 1000),
 )
 
 SECTIONS: dict[str, Section] = {section.key: section for section in _SECTIONS}

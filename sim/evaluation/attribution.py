@@ -22,7 +22,8 @@ from companion.samples import Fault, Kind, Packet, Rows, Verdict
 from companion.settings import CompanionSettings
 from sim.faults import Fault as PacketFault
 from sim.faults import Stream
-from sim.faults.values import Freeze, Ramp, Step
+from sim.faults.readings import Freeze
+from sim.faults.values import Ramp, Step
 
 Row = dict[str, Any]
 

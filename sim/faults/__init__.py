@@ -25,16 +25,17 @@ from companion.samples import Packet
 from sim.faults.base import Dice, Effect, Fault, Moment
 from sim.faults.clock import ClockJump, Reboot
 from sim.faults.editing import header
-from sim.faults.gnss import Jamming, Outage, Slide, Spoofing
+from sim.faults.gnss import Jamming, Outage, Slide, Spoofing, TwoDimensional
 from sim.faults.link import Delay, Drop, Duplicate, Reorder
-from sim.faults.values import BlockedStaticPort, Freeze, Noise, Ramp, Spike, Step, SwappedUnits
+from sim.faults.readings import Freeze, Lag
+from sim.faults.values import BlockedStaticPort, Noise, Ramp, Spike, Step, SwappedUnits, Swing
 
 __all__ = ["FAULTS", "AnyFault", "Fault", "Stream", "faulty", "parse_fault"]
 
 AnyFault = Annotated[
     Drop | Duplicate | Reorder | Delay  # of the way
-    | Freeze | Spike | Step | Ramp | Noise | SwappedUnits | BlockedStaticPort  # of a sensor's readings
-    | Outage | Jamming | Spoofing | Slide  # of the receiver
+    | Freeze | Lag | Spike | Step | Ramp | Swing | Noise | SwappedUnits | BlockedStaticPort  # of a sensor's readings
+    | Outage | TwoDimensional | Jamming | Spoofing | Slide  # of the receiver
     | ClockJump | Reboot,
     Field(discriminator="fault"),
 ]  # fmt: skip

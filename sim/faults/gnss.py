@@ -1,11 +1,13 @@
 """Faults of the first receiver (GPS_RAW_INT): no fix, jammed, spoofed, and the fix that slides."""
 
 import math
+from collections.abc import Iterable
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
 from companion.samples import Fault as Sensor
+from companion.samples import Packet
 from sim.faults.base import Dice, Edit, Effect, Fault, Metres, Moment
 from sim.faults.editing import Editor
 from sim.faults.values import GPS
@@ -128,6 +130,36 @@ class Spoofing(ReceiverFault):
                 message["cog"] = round(math.degrees(math.atan2(east, north)) % 360.0 * 100.0) % 36000
 
         return Edit({GPS}, change)
+
+
+class TwoDimensional(ReceiverFault):
+    """Three satellites are left: a fix of type 2, whose height is that of the last good one."""
+
+    announced: ClassVar[bool] = True
+
+    fault: Literal["two_dimensional"] = "two_dimensional"
+
+    def effect(self, dice: Dice) -> Effect:
+        return _TwoDimensional()
+
+
+class _TwoDimensional(Effect):
+    ids = frozenset({GPS})
+    _HELD = ("alt", "alt_ellipsoid")
+
+    def __init__(self) -> None:
+        self._held: dict[str, float] = {}
+
+    def feed(self, packet: Packet, moment: Moment) -> Iterable[Packet]:
+        message = Editor(packet.data, moment.message_id)
+        if not moment.active or not self._held:
+            self._held = {name: message[name] for name in self._HELD} if message["fix_type"] >= 3 else self._held
+        if not moment.active or message["fix_type"] < 3:
+            return (packet,)
+        message["fix_type"], message["satellites_visible"] = 2, 3
+        for name, value in self._held.items():
+            message[name] = value
+        return (Packet(packet.time_us, message.close()),)
 
 
 class Slide(ReceiverFault):

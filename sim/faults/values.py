@@ -6,7 +6,7 @@ second one stays well, and so does the autopilot's own estimate, which is made i
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
@@ -146,6 +146,22 @@ class Ramp(ValueFault):
         return Edit(target.fields, lambda message, moment: target.shift(message, self.rate * moment.since_s))
 
 
+class Swing(ValueFault):
+    """A quantity swings about what it should be."""
+
+    fault: Literal["swing"] = "swing"
+    size: Size
+    """amplitude in the quantity's unit"""
+    period_s: Annotated[float, Field(gt=0.0, le=1e6)] = 60.0
+
+    def effect(self, dice: Dice) -> Effect:
+        target, rate_radps = self.target, math.tau / self.period_s
+        return Edit(
+            target.fields,
+            lambda message, moment: target.shift(message, self.size * math.sin(rate_radps * moment.since_s)),
+        )
+
+
 class Spike(ValueFault):
     """Single readings are wrong by a size, up or down."""
 
@@ -179,37 +195,6 @@ class Noise(ValueFault):
             target.fields,
             lambda message, moment: target.shift(message, self.sd * dice.normal(moment.since_us, moment.message_id)),
         )
-
-
-class Freeze(Fault):
-    """A sensor repeats its last reading under new time stamps."""
-
-    fault: Literal["freeze"] = "freeze"
-    sensor: Literal["barometer", "gnss", "imu"] = "barometer"
-
-    @property
-    def harms(self) -> Sensor:
-        return Sensor[self.sensor.upper()]
-
-    def effect(self, dice: Dice) -> Effect:
-        return _Freeze(SENSORS[self.sensor])
-
-
-class _Freeze(Effect):
-    def __init__(self, fields: Mapping[int, tuple[str, ...]]) -> None:
-        self.ids = frozenset(fields)
-        self._fields = fields
-        self._last: dict[int, dict[str, Any]] = {}
-
-    def feed(self, packet: Packet, moment: Moment) -> Iterable[Packet]:
-        message = Editor(packet.data, moment.message_id)
-        names = self._fields[moment.message_id]
-        if not moment.active or moment.message_id not in self._last:
-            self._last[moment.message_id] = {name: message[name] for name in names}
-            return (packet,)
-        for name, value in self._last[moment.message_id].items():
-            message[name] = value
-        return (Packet(packet.time_us, message.close()),)
 
 
 SWAPS: Mapping[str, tuple[tuple[str, ...], float]] = {

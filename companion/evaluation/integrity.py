@@ -1,0 +1,173 @@
+"""Whether a claimed spread and a protection level can be believed: coverage, exceedances, Stanford diagram.
+
+An exceedance is an episode, since errors that last are exceeded for a while or several times in a row: it begins where
+|error| > level, and two of them less than `EPISODE_S` apart are one. That is the correlation time of the slow GNSS
+error, over which the allocated rate (`companion.estimators.vertical_bank.crossing_sigma`) counts one crossing.
+
+The Stanford diagram (Tossaint et al., "The Stanford - ESA integrity diagram", 2007) sets |error| against level: above
+the diagonal all is well, below it the level misleads; beyond the alert limit a level makes the system unavailable, and
+an error whose level is within it is hazardously misleading.
+"""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from companion.evaluation.metrics import Array
+
+EPISODE_S = 250.0
+LONGEST_STEP_S = 2.0
+"""a gap in a series that is longer counts as no time"""
+ALERT_LIMIT_M = 50.0
+"""vertical alert limit of an approach with vertical guidance (ICAO Annex 10, APV-I)"""
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Shares of |error| <= 1, 2, 3 standard deviations (an honest Gaussian: .683, .954, .997), and the mean of
+    (error / standard deviation)^2; NaN of an empty series."""
+
+    within_1: float
+    within_2: float
+    within_3: float
+    nees: float
+
+
+@dataclass(frozen=True)
+class Protection:
+    """How often an error was beyond its protection level."""
+
+    hours: float
+    exceedances: int
+    """episodes"""
+    exceeded_share: float
+    """of the samples"""
+    median_level_m: float
+
+    @property
+    def rate_per_h(self) -> float:
+        return self.exceedances / self.hours if self.hours > 0.0 else math.nan
+
+    @property
+    def interval_per_h(self) -> tuple[float, float]:
+        """95 % confidence interval of the rate."""
+        if not self.hours > 0.0:
+            return math.nan, math.nan
+        low, high = poisson_interval(self.exceedances)
+        return low / self.hours, high / self.hours
+
+
+@dataclass(frozen=True)
+class Regions:
+    """Shares of the samples in the regions of a Stanford diagram; they add up to one."""
+
+    available: float
+    """|error| <= level <= alert limit"""
+    unavailable: float
+    """|error| <= level, and the level is beyond the alert limit"""
+    misleading: float
+    """|error| > level, but both on the same side of the alert limit"""
+    hazardous: float
+    """|error| > alert limit >= level"""
+
+
+def coverage(error_m: Array, sd_m: Array) -> Coverage:
+    """Of errors and claimed standard deviations, shape (n,) each; pairs with a NaN are left out."""
+    normal = np.abs(error_m / sd_m)
+    normal = normal[np.isfinite(normal)]
+    if not normal.size:
+        return Coverage(math.nan, math.nan, math.nan, math.nan)
+    within = (float(np.mean(normal <= k)) for k in (1.0, 2.0, 3.0))
+    return Coverage(*within, float(np.mean(normal**2)))
+
+
+def protection(times_s: Array, error_m: Array, level_m: Array) -> Protection | None:
+    """Of a series in order of time, shape (n,) each; what has a NaN is left out, None when nothing is left."""
+    known = np.isfinite(error_m) & np.isfinite(level_m)
+    if not known.any():
+        return None
+    times_s, error_m, level_m = times_s[known], error_m[known], level_m[known]
+    steps_s = np.diff(times_s)
+    above = np.abs(error_m) > level_m
+    return Protection(
+        hours=float(np.sum(steps_s[steps_s <= LONGEST_STEP_S])) / 3600.0,
+        exceedances=episodes(times_s[above]),
+        exceeded_share=float(np.mean(above)),
+        median_level_m=float(np.median(level_m)),
+    )
+
+
+def episodes(times_s: Array, apart_s: float = EPISODE_S) -> int:
+    """How many groups of instants (in order) there are, groups being at least `apart_s` apart."""
+    return int(times_s.size and 1 + np.count_nonzero(np.diff(times_s) >= apart_s))
+
+
+def poisson_interval(count: int, confidence: float = 0.95) -> tuple[float, float]:
+    """Exact (Garwood's) confidence interval of the mean of a Poisson variable that came out as `count`."""
+    tail = 0.5 * (1.0 - confidence)
+    low = _solve(count, lambda mean: 1.0 - _at_most(count - 1, mean) < tail) if count > 0 else 0.0
+    return low, _solve(count, lambda mean: _at_most(count, mean) > tail)
+
+
+def _solve(count: int, is_below: Any) -> float:
+    low, high = 0.0, count + 10.0 * math.sqrt(count + 1.0) + 10.0
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if is_below(middle) else (low, middle)
+    return 0.5 * (low + high)
+
+
+def _at_most(count: int, mean: float) -> float:
+    """P(N <= count) of a Poisson variable."""
+    if mean <= 0.0:
+        return 1.0
+    return math.fsum(math.exp(k * math.log(mean) - mean - math.lgamma(k + 1.0)) for k in range(count + 1))
+
+
+def regions(error_m: Array, level_m: Array, alert_limit_m: float = ALERT_LIMIT_M) -> Regions:
+    """Of a series, shape (n,) each; what has a NaN is left out."""
+    known = np.isfinite(error_m) & np.isfinite(level_m)
+    size, level = np.abs(error_m[known]), level_m[known]
+    if not size.size:
+        return Regions(math.nan, math.nan, math.nan, math.nan)
+    covered, within = size <= level, level <= alert_limit_m
+    hazardous = within & (size > alert_limit_m)
+    shares = (covered & within, covered & ~within, ~covered & ~hazardous, hazardous)
+    return Regions(*(float(np.mean(share)) for share in shares))
+
+
+def draw_stanford(axes: Any, error_m: Array, level_m: Array, alert_limit_m: float = ALERT_LIMIT_M) -> None:
+    """The diagram on Matplotlib `axes`: a histogram whose colours are logarithms of counts."""
+    from matplotlib.colors import LogNorm  # noqa: PLC0415
+
+    known = np.isfinite(error_m) & np.isfinite(level_m)
+    size, level = np.abs(error_m[known]), level_m[known]
+    top = max(1.2 * alert_limit_m, float(np.max(size, initial=0.0)), float(np.quantile(level, 0.999, method="higher")))
+    found = regions(error_m, level_m, alert_limit_m)
+    axes.hist2d(size, level, bins=120, range=((0.0, top), (0.0, top)), norm=LogNorm(), cmap="viridis", rasterized=True)
+    axes.plot([0.0, top], [0.0, top], color="black", linewidth=0.8)
+    axes.axhline(alert_limit_m, color="#b8403a", linewidth=0.8)
+    axes.plot([alert_limit_m, alert_limit_m], [0.0, alert_limit_m], color="#b8403a", linewidth=0.8)
+    labels = (
+        (0.02, 0.98, "top", "unavailable", found.unavailable),
+        (0.02, alert_limit_m / top - 0.02, "top", "available", found.available),
+        (0.45 * alert_limit_m / top, 0.03, "bottom", "misleading", found.misleading),
+        (alert_limit_m / top + 0.01, 0.03, "bottom", "hazardous", found.hazardous),
+    )
+    for x, y, side, name, share in labels:
+        axes.text(x, y, f"{name}\n{100 * share:.3g} %", transform=axes.transAxes, va=side, fontsize=8)
+    axes.set(xlabel="|altitude error| (m)", ylabel="protection level (m)", xlim=(0.0, top), ylim=(0.0, top))
+
+
+def plot_stanford(path: Path, title: str, error_m: Array, level_m: Array, alert_limit_m: float = ALERT_LIMIT_M) -> None:
+    """The diagram as an image file."""
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    figure = Figure(figsize=(6.0, 5.5), layout="constrained")
+    axes = figure.subplots()
+    draw_stanford(axes, error_m, level_m, alert_limit_m)
+    axes.set_title(title)
+    figure.savefig(path, dpi=110)

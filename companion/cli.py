@@ -5,7 +5,6 @@ What is heavy (Numba, NumPy, pymavlink) is imported by the commands, so that ``-
 
 import json
 import logging
-import math
 import signal
 import sys
 import time
@@ -21,7 +20,6 @@ from companion.errors import ConfigError, KollsmanError, LogFormatError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from companion.evaluation.compare import Comparison
     from companion.logs import LogReader
     from companion.service import Service, Status
     from companion.settings import CompanionSettings
@@ -193,25 +191,33 @@ def compare(
     changes: SetOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="The table as JSON.")] = False,
     plot: Annotated[Path | None, typer.Option(help="Errors over time (extra `sim`).", metavar="OUT.png")] = None,
+    stanford: Annotated[
+        Path | None, typer.Option(help="Error against protection level (extra `sim`).", metavar="OUT.png")
+    ] = None,
+    alert_limit: Annotated[float, typer.Option(min=1, help="Of the Stanford diagram, in metres.", metavar="M")] = 50.0,
     settle: Annotated[float, typer.Option(min=0, help="Seconds left out of the errors.", metavar="S")] = 60.0,
 ) -> None:
     """Every estimator on one log, beside raw barometer, raw GNSS and the autopilot's own."""
     _refuse_same(log, plot)
+    _refuse_same(log, stanford)
     _say_if_compiling()
     settings = _settings(config, None, changes)
 
     from companion.evaluation import compare as comparing  # noqa: PLC0415
+    from companion.evaluation import table as comparing_table  # noqa: PLC0415
 
     with _bar(log.name, 1.0) as advance:
         found = comparing.compare(log, settings, settle, advance)
     if plot:
         comparing.plot(found, plot, f"{log.name}: altitude errors")
+    if stanford:
+        comparing.plot_protection(found, stanford, log.name, alert_limit)
     if as_json:
         print(json.dumps({"log": str(log), "settle_s": settle} | found.as_dict(), indent=2))
         return
-    _print_comparison(found)
-    if plot:
-        print(f"wrote {plot}")
+    comparing_table.show(found)
+    for path in filter(None, (plot, stanford)):
+        print(f"wrote {path}")
 
 
 @app.command(epilog=TUNE_EXAMPLES)
@@ -428,24 +434,6 @@ def _print_report(report: dict[str, Any]) -> None:
             keys = ("rmse_m", "p95_m", "max_m", "bias_m", "unbiased_rmse_m")
             table.add_row(found["label"], *(f"{found[key]:.2f}" for key in keys))
         console.print(table)
-
-
-def _print_comparison(found: "Comparison") -> None:
-    from rich.console import Console  # noqa: PLC0415
-    from rich.table import Table  # noqa: PLC0415
-
-    columns = {
-        "RMSE": "rmse_m", "95 %": "p95_m", "max": "max_m", "bias": "bias_m", "no bias": "unbiased_rmse_m",
-        "take-off": "takeoff_rmse_m", "climb": "climb_rmse_mps", "NEES": "nees", "sd": "median_sd_m",
-        "to baro": "baro_residual_m", "us": "cost_us",
-    }  # fmt: skip
-    table = Table(f"against {found.reference} (m, m/s)", box=None, pad_edge=False)
-    for column in columns:
-        table.add_column(column, justify="right")
-    for result in found.results:
-        values = (getattr(result, name) for name in columns.values())
-        table.add_row(result.label, *("" if math.isnan(value) else f"{value:.2f}" for value in values))
-    Console(width=120).print(table)
 
 
 def main() -> None:

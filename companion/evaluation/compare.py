@@ -8,10 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from companion.atmosphere import baro_altitude_array
+from companion.errors import ConfigError
 from companion.estimators import ESTIMATORS, run_log
 from companion.evaluation.detection import Accused
+from companion.evaluation.integrity import coverage, plot_stanford, protection
 from companion.evaluation.metrics import Array, errors, truth_at
 from companion.evaluation.samples import BOOT_US, samples_of
 from companion.samples import Kind, Rows, SampleLog
@@ -40,6 +43,15 @@ class Result:
     """rms of altitude - barometer height, without its mean"""
     cost_us: float = math.nan
     """a sample in the compiled loop"""
+    coverage_1: float = math.nan
+    """share of |error| <= claimed standard deviation; .683 of an honest Gaussian, and so on"""
+    coverage_2: float = math.nan
+    coverage_3: float = math.nan
+    median_level_m: float = math.nan
+    """protection level"""
+    exceedances: float = math.nan
+    """episodes of |error| above the protection level (`companion.evaluation.integrity`)"""
+    exceeded_share: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -56,6 +68,8 @@ class Series:
     """of estimators"""
     takeoff_m: Array | None = None
     """height above take-off, where the source tells it"""
+    level_m: Array | None = None
+    """protection level; None where the source has none"""
 
 
 @dataclass(frozen=True)
@@ -68,6 +82,13 @@ class Comparison:
     results: list[Result]
     truth_us: Array
     truth_m: Array
+    start_us: float = 0.0
+    """what was before did not count"""
+
+    def errors_of(self, series: Series) -> tuple[NDArray[np.bool_], Array]:
+        """Whether each altitude counts (late enough), shape (n,), and the errors of those that do."""
+        late = series.times_us >= self.start_us
+        return late, series.altitude_m[late] - truth_at(series.times_us[late], self.truth_us, self.truth_m)
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: unknown is None."""
@@ -118,7 +139,7 @@ def compare_log(
     baro = next((each for each in series if each.label == "raw barometer"), None)
     takeoff = takeoff_of(log, truth_us, truth_m)
     results = [_judge(each, (truth_us, truth_m, truth_climb), baro, start_us, takeoff) for each in series]
-    return Comparison(reference, series, results, truth_us, truth_m)
+    return Comparison(reference, series, results, truth_us, truth_m, start_us)
 
 
 def estimate_series(name: str, log: SampleLog, settings: CompanionSettings) -> Series:
@@ -134,6 +155,7 @@ def estimate_series(name: str, log: SampleLog, settings: CompanionSettings) -> S
     ticks = Kind.PRESSURE if np.any(kinds == Kind.PRESSURE) else Kind.GNSS
     chosen = (kinds == ticks) & np.isfinite(_floats(estimates["altitude_amsl_m"]))
     arrival_us = _floats(log[ticks]["arrival_us"][np.asarray(order["row"])[chosen]])
+    level_m = _floats(estimates["protection_level_m"][chosen])
     return Series(
         name,
         _floats(estimates["time_us"][chosen]) + boots[chosen] * float(BOOT_US),
@@ -143,6 +165,7 @@ def estimate_series(name: str, log: SampleLog, settings: CompanionSettings) -> S
         cost_us,
         _accused(estimates[chosen], arrival_us),
         _floats(estimates["height_above_takeoff_m"][chosen]),
+        level_m if np.isfinite(level_m).any() else None,
     )
 
 
@@ -230,6 +253,16 @@ def plot(comparison: Comparison, path: Path, title: str) -> None:
     plt.close(figure)
 
 
+def plot_protection(comparison: Comparison, path: Path, title: str, alert_limit_m: float) -> None:
+    """Stanford diagram of the first series with a protection level. Raises `ConfigError` when there is none."""
+    for each in comparison.series:
+        if each.level_m is not None:
+            late, error_m = comparison.errors_of(each)
+            plot_stanford(path, f"{title}, {each.label}", error_m, each.level_m[late], alert_limit_m)
+            return
+    raise ConfigError("--stanford: no estimator of this comparison has a protection level")
+
+
 def _judge(
     series: Series,
     reference: tuple[Array, Array, Array],
@@ -246,7 +279,12 @@ def _judge(
         return Result(series.label, cost_us=series.cost_us)
     climb = errors(series.climb_mps[late], truth_at(times_us, reference_us, reference_climb))
     sd_m = series.sd_m[late]
-    standardised = ((altitude_m - expected_m) / sd_m) ** 2
+    covered = coverage(altitude_m - expected_m, sd_m)
+    protected = (
+        protection(times_us * 1e-6, altitude_m - expected_m, series.level_m[late])
+        if series.level_m is not None
+        else None
+    )
     against_baro = errors(altitude_m, truth_at(times_us, baro.times_us, baro.altitude_m)) if baro is not None else None
     return Result(
         series.label,
@@ -257,10 +295,16 @@ def _judge(
         found.unbiased_rmse_m,
         _takeoff_rmse_m(series, reference_us, reference_m, start_us, takeoff),
         climb.rmse_m if climb is not None else math.nan,
-        _mean(standardised),
+        covered.nees,
         float(np.nanmedian(sd_m)) if np.isfinite(sd_m).any() else math.nan,
         against_baro.unbiased_rmse_m if against_baro is not None else math.nan,
         series.cost_us,
+        covered.within_1,
+        covered.within_2,
+        covered.within_3,
+        protected.median_level_m if protected is not None else math.nan,
+        protected.exceedances if protected is not None else math.nan,
+        protected.exceeded_share if protected is not None else math.nan,
     )
 
 
@@ -279,11 +323,6 @@ def _takeoff_rmse_m(
     late = flown & (series.times_us >= start_us)
     found = errors(own[late], truth_at(series.times_us[late], truth_us, truth_m) - ground_m)
     return found.rmse_m if found is not None else math.nan
-
-
-def _mean(values: Array) -> float:
-    finite = values[np.isfinite(values)]
-    return float(np.mean(finite)) if finite.size else math.nan
 
 
 def _reboots(log: SampleLog, kinds: Any, rows: Any) -> Any:

@@ -80,8 +80,8 @@ def coverage(error_m: Array, sd_m: Array) -> Coverage:
     normal = normal[np.isfinite(normal)]
     if not normal.size:
         return Coverage(math.nan, math.nan, math.nan, math.nan)
-    within = (float(np.mean(normal <= k)) for k in (1.0, 2.0, 3.0))
-    return Coverage(*within, float(np.mean(normal**2)))
+    one, two, three = (float(np.mean(normal <= k)) for k in (1.0, 2.0, 3.0))
+    return Coverage(one, two, three, float(np.mean(normal**2)))
 
 
 def protection(times_s: Array, error_m: Array, level_m: Array) -> Protection | None:

@@ -123,13 +123,14 @@ class Watch:
 
     def seen(self) -> "Seen":
         rows, truth = np.array(self._rows, np.float64).reshape(-1, 10), np.array(self._truth, np.float64).reshape(-1, 3)
-        return Seen(*rows.T, truth)
+        return Seen(truth, *rows.T)
 
 
 @dataclass(frozen=True)
 class Seen:
     """What a `Watch` has noted, shape (n,) each; truth has the columns time_us, altitude_amsl_m, climb_mps."""
 
+    truth: Array
     packet_us: Array
     now_us: Array
     """the vehicle's clock when it was said"""
@@ -142,7 +143,6 @@ class Seen:
     level_m: Array
     faulty: Array
     since_us: Array
-    truth: Array
 
     @property
     def error_m(self) -> Array:

@@ -91,9 +91,10 @@ def _attribution(page: SectionPage, tried: list[Row]) -> None:
     page.text(
         "## Attribution\n\nEach fault begins on packets (`sim.faults`) at up to "
         f"{ONSETS} instants of a healthy flight; the estimator runs on from where it is then. Delays are from the "
-        "first faulty packet on the vehicle's clock. *Named*: the output `faulty` is the right sensor. *Wrong*: another "
-        f"one was named meanwhile. *Detected*: named, or the claimed spread is {DOUBT_RATIO:g} times that of the same "
-        "flight without the fault. *Used*: cases in which a wrong fix was taken in after its receiver had been named. "
+        "first faulty packet on the vehicle's clock. *Named*: the output `faulty` is the right sensor. *Wrong*: "
+        "another one was named meanwhile. *Detected*: named, or the claimed spread is "
+        f"{DOUBT_RATIO:g} times that of the same flight without the fault. *Used*: cases "
+        "in which a wrong fix was taken in after its receiver had been named. "
         "*Misleading*: how long the error was beyond the protection level, at worst. A frozen barometer is tried in "
         "climbs and descents of more than 1 m/s only."
     )

@@ -1,4 +1,4 @@
-"""Section ``protection``: is the protection level exceeded as often as it says, and is nobody accused without a reason."""
+"""Section ``protection``: is the level exceeded as often as it says, and is nobody accused without a reason."""
 
 import math
 import tempfile
@@ -85,11 +85,9 @@ def evaluate(context: Context) -> SectionPage:
         "allocated, and against a tenth of that where the time flown can tell it from nothing."
     )
     for origin in ("sensors", "flights"):
-        page.measured(*_rate_goals(origin, [row for row in rows if row["origin"] == origin]))
+        members = [row for row in rows if row["origin"] == origin]
+        page.measured(*_rate_goals(origin, members), _alarm_goal(origin, members))
     page.measured(*_median_goals([row for row in rows if row["origin"] == "recorded"]))
-    page.measured(
-        *(_alarm_goal(origin, [row for row in rows if row["origin"] == origin]) for origin in ("flights", "sensors"))
-    )
     _summary(page, rows)
     _tail(page, rows)
     _stanford(page, rows)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from companion.atmosphere import pressure_altitude_m
 from companion.clock import ManualClock
 from companion.config import validate
 from companion.errors import ConfigError, LogFormatError
@@ -585,3 +586,33 @@ def test_a_mistake_in_a_scenario_is_one_line() -> None:
         with pytest.raises(ConfigError, match=r"^a test: faults") as failure:
             validate({**BASE, "faults": [broken]}, Scenario, "a test")
         assert "\n" not in str(failure.value)
+
+
+def test_step_of_pressure_altitude_is_metres_of_the_standard_atmosphere() -> None:
+    name, field = "SCALED_PRESSURE", "press_abs"
+    step = faulty(STREAM, [fault("step", "size=40,quantity=pressure_altitude")], 1)
+    right, wrong = (100.0 * series(packets, name, field) for packets in (STREAM, step))
+    apart = [pressure_altitude_m(w) - pressure_altitude_m(r) for r, w in zip(right, wrong, strict=True)]
+    np.testing.assert_allclose(apart, 40.0, atol=0.01)
+
+
+def test_swing_begins_at_what_is_right() -> None:
+    swing = faulty(STREAM, [fault("swing", "size=4,period_s=4,quantity=gnss_height")], 1)
+    wrong = series(swing, "GPS_RAW_INT", "alt") - series(STREAM, "GPS_RAW_INT", "alt")
+    assert abs(wrong[0]) < 1500.0
+    assert (wrong.min(), wrong.max()) == pytest.approx((-4000.0, 4000.0), abs=700.0)
+
+
+def test_lag_says_what_was_read_before() -> None:
+    """At 5 Hz half a second ago is between the second and the third reading before: the older one counts."""
+    sound = series(STREAM, "SCALED_PRESSURE", "press_abs")
+    lag = series(faulty(STREAM, [fault("lag", "lag_s=0.5")], 1), "SCALED_PRESSURE", "press_abs")
+    np.testing.assert_array_equal(lag[3:], sound[:-3])
+
+
+def test_three_satellites_hold_the_height() -> None:
+    flying = [gps for _, gps in of(faulty(STREAM, [fault("two_dimensional")], 1), "GPS_RAW_INT")]
+    flat = [gps for gps in flying if gps.fix_type == 2]
+    assert flat
+    assert {gps.satellites_visible for gps in flat} == {3}
+    assert len({gps.alt for gps in flat}) == 1

@@ -35,8 +35,7 @@ from sim.scenario import Scenario, load_scenario
 Row = dict[str, Any]
 MEASURES = (
     "rmse_m", "p95_m", "max_m", "bias_m", "takeoff_rmse_m", "climb_rmse_mps", "nees", "coverage_2", "median_sd_m",
-    "median_level_m",
-    "detection_s", "wrong_share", "cost_us",
+    "median_level_m", "detection_s", "wrong_share", "cost_us",
 )  # fmt: skip
 """of a row; their means over the seeds are the summary's, but for the worst maximum"""
 COUNTS = ("faults", "detected", "false_alarms", "exceedances")

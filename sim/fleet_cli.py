@@ -126,7 +126,8 @@ def _print_campaign(lines: "list[Row]", failed: list[str]) -> None:
 
     names = {
         "RMSE": "rmse_m", "+-": "rmse_sd_m", "95 %": "p95_m", "worst": "max_m", "climb": "climb_rmse_mps",
-        "NEES": "nees", "sd": "median_sd_m", "us": "cost_us", "named s": "detection_s", "wrong": "wrong_share",
+        "NEES": "nees", "in 2 sd": "coverage_2", "sd": "median_sd_m", "level": "median_level_m",
+        "above": "exceedances", "us": "cost_us", "named s": "detection_s", "wrong": "wrong_share",
     }  # fmt: skip
     table = Table("scenario", "source", "n", box=None, pad_edge=False)
     for name in (*names, "found", "false"):

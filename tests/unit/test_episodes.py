@@ -22,6 +22,9 @@ from sim.faults import FAULTS, parse_fault
         ("noise:sd=1,quantity=gyro_x", Sensor.IMU, False),
         ("spike:size=5,quantity=die_temperature", Sensor.NONE, False),
         ("freeze:sensor=gnss", Sensor.GNSS, False),
+        ("lag", Sensor.BAROMETER, False),
+        ("swing:size=3,quantity=gnss_height", Sensor.GNSS, False),
+        ("two_dimensional", Sensor.GNSS, True),
         ("swapped_units:swap=feet", Sensor.GNSS, False),
         ("swapped_units:swap=half_pressure", Sensor.BAROMETER, False),
         ("blocked_static_port", Sensor.BAROMETER, False),
@@ -40,7 +43,7 @@ def test_whom_a_fault_harms(text: str, sensor: Sensor, announced: bool) -> None:
 
 def test_every_fault_of_a_sensor_has_an_owner() -> None:
     of_the_way_or_clock = {"drop", "duplicate", "reorder", "delay", "clock_jump", "reboot"}
-    needs = {"step": ":size=1", "spike": ":size=1", "ramp": ":rate=1", "noise": ":sd=1"}
+    needs = {"step": ":size=1", "swing": ":size=1", "spike": ":size=1", "ramp": ":rate=1", "noise": ":sd=1"}
     harmless = {name for name in FAULTS if not parse_fault(name + needs.get(name, "")).harms}
     assert harmless == of_the_way_or_clock
 

@@ -167,5 +167,8 @@ def _others(log: SampleLog) -> list[Series]:
 
 def _fix(value: Any) -> Fix:
     time_us = int(value["time_us"])
-    return Fix(time_us, time_us, int(value["fix_type"]), float(value["latitude_deg"]), 0.0,
-               float(value["altitude_amsl_m"]), 0.0, 0.0, 0.0, 1.0, 1.0, 0.1, 10, 100, 100)  # fmt: skip
+    known: Row = {
+        "measured_us": time_us, "stamp_us": time_us, "fix_type": int(value["fix_type"]),
+        "altitude_amsl_m": float(value["altitude_amsl_m"]),
+    }  # fmt: skip
+    return Fix(**{name: known.get(name, 0) for name in Fix._fields})  # of position and height alone, the latter counts

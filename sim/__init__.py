@@ -20,7 +20,9 @@ Modules
 -------
 ==================  ===================================================================================
 ``aircraft``        JSBSim: the only file with its property names and US units
-``autopilot``       take-off, climb on airspeed, altitude hold, descent on vertical speed; gains per aircraft
+``autopilot``       take-off, climb on airspeed, altitude hold, descent on vertical speed, flare
+``gains``           speeds and loop gains, one set an aircraft
+``approach``        centre line, glide path, flare, roll-out
 ``weather``         pressure, temperature and wind over place and time; layers of air; METARs
 ``sensors``         barometer, GNSS receiver, IMU: one random stream each
 ``estimate``        the vehicle's own position estimate (GLOBAL_POSITION_INT), barometric as EKF3's

@@ -7,9 +7,12 @@ that an estimator is not tested against its own model of the air.
 
 import math
 import os
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
+from xml.etree import ElementTree
 
 from companion.errors import SimulationError
 from sim import STEP_HZ
@@ -24,22 +27,32 @@ _SLUGS_PER_FT3 = 0.45359237 * G0_MPS2 / _FT / _FT**3
 
 Vector = tuple[float, float, float]
 _NOTHING = (0.0,) * 6
-_BURIED_M = 0.3
-"""The wheels keep the centre of gravity a metre up."""
+_BURIED = 0.25
+"""The wheels keep the centre of gravity up: not even a hard landing takes this much of its height at rest."""
 _CRASH_MPS = 4.0
 """No undercarriage stands this; JSBSim's would bounce and fly on."""
+_ALOFT_ALPHA_DEG = 3.0
+"""Near enough to every aircraft's own at cruise: the autopilot finds it within seconds."""
 
 
 @dataclass(frozen=True)
 class Model:
-    """What JSBSim's files do not say about an aircraft that stands on a runway."""
+    """What JSBSim's files do not say about an aircraft."""
 
     jsbsim_name: str
     rest_height_m: float
     """of the centre of gravity above the runway, on its wheels"""
+    engines: int = 1
+    """without one, it cannot take off: its flights start aloft"""
 
 
-MODELS = {"c172p": Model("c172p", rest_height_m=1.3274)}
+# Heights at rest: geod-alt-ft less the terrain after a minute on the wheels, brakes on, engines idling.
+MODELS = {
+    "c172p": Model("c172p", rest_height_m=1.3274),
+    "737": Model("737", rest_height_m=1.1247, engines=2),
+    "f16": Model("f16", rest_height_m=1.6602),
+    "sgs126": Model("sgs126", rest_height_m=0.386, engines=0),
+}
 
 
 class Truth(NamedTuple):
@@ -89,7 +102,7 @@ class Flow(NamedTuple):
 
 
 class Aircraft:
-    """One aircraft on a runway with its engine running, stepped at `STEP_HZ`.
+    """One aircraft on a runway with its engines running, or `aloft`, stepped at `STEP_HZ`.
 
     Raises `SimulationError` when the model is unknown, or when the flight leaves reality: a state that is not finite,
     a centre of gravity below the ground, or a crash.
@@ -103,18 +116,21 @@ class Aircraft:
         longitude_deg: float = 8.0,
         field_elevation_m: float = 0.0,
         heading_deg: float = 0.0,
+        aloft: tuple[float, float] | None = None,
         seed: int = 0,
     ) -> None:
+        """`aloft`: altitude AMSL (m) and calibrated airspeed (m/s) at which the flight begins above the runway."""
         if model not in MODELS:
             raise SimulationError(f"no aircraft '{model}': there are {', '.join(sorted(MODELS))}")
         self._ground_m = field_elevation_m
         self._column: Callable[[float], tuple[float, float, float]] | None = None
         self._rest_height_m = MODELS[model].rest_height_m
+        self._aloft = aloft
         self._time_us = 0
         self._step_us = 1_000_000 // STEP_HZ
         self._fdm = _load(MODELS[model].jsbsim_name)
         self._start(MODELS[model], latitude_deg, longitude_deg, heading_deg, seed)
-        self._bind()
+        self._bind(MODELS[model].engines)
         self._sums = _NOTHING
         """of Nx, Ny, Nz and the inertial rates p, q, r over the last ``_summed`` steps"""
         self._summed = 0
@@ -128,11 +144,16 @@ class Aircraft:
         fdm["ic/terrain-elevation-ft"] = self._ground_m / _FT
         fdm["ic/h-agl-ft"] = model.rest_height_m / _FT
         fdm["ic/psi-true-deg"] = heading_deg
+        if self._aloft is not None:
+            fdm["ic/h-sl-ft"] = self._aloft[0] / _FT
+            fdm["ic/vc-kts"] = self._aloft[1] / _KT
+            fdm["ic/alpha-deg"] = _ALOFT_ALPHA_DEG
         if not fdm.run_ic():
             raise SimulationError(f"JSBSim refused the initial condition of {model.jsbsim_name}")
-        fdm["propulsion/set-running"] = -1
+        if model.engines:
+            fdm["propulsion/set-running"] = -1
 
-    def _bind(self) -> None:
+    def _bind(self, engines: int) -> None:
         """Look every property up once: a cached node costs 0.05 us a read, a name 0.13 us."""
         manager = self._fdm.get_property_manager()
 
@@ -157,9 +178,13 @@ class Aircraft:
         self._airspeed_kt = reader("velocities/vc-kts")
         self._weight_on_wheels = reader("gear/wow")
         self._stick = tuple(writer(f"fcs/{n}-cmd-norm") for n in ("elevator", "aileron", "rudder"))
-        self._engine = tuple(writer(f"fcs/{n}-cmd-norm") for n in ("throttle", "mixture"))
+        self._throttles = tuple(writer(f"fcs/throttle-cmd-norm[{number}]") for number in range(engines))
         self._brakes = tuple(writer(f"fcs/{side}-brake-cmd-norm") for side in ("left", "right"))
-        self._flaps = writer("fcs/flap-cmd-norm")
+        self._steering = writer("fcs/steer-cmd-norm")
+        self._configuration = writer("fcs/flap-cmd-norm"), writer("gear/gear-cmd-norm")
+        self._spoilers = writer("fcs/speedbrake-cmd-norm"), writer("fcs/spoiler-cmd-norm")
+        for number in range(engines):
+            self._fdm[f"fcs/mixture-cmd-norm[{number}]"] = 1.0
         self._set_air = tuple(writer(f"atmosphere/{n}") for n in ("P-sl-psf", "delta-T"))
 
     # Controls, all -1..1 or 0..1. Positive pitches up, rolls right, yaws right.
@@ -169,16 +194,27 @@ class Aircraft:
         self._stick[1](aileron)
         self._stick[2](-rudder)  # and its rudder positive trailing edge left, as the aerodynamic convention has it
 
-    def set_engine(self, throttle: float, mixture: float = 1.0) -> None:
-        self._engine[0](throttle)
-        self._engine[1](mixture)
+    def set_engine(self, throttle: float) -> None:
+        for write in self._throttles:
+            write(throttle)
 
     def set_brakes(self, brake: float) -> None:
         self._brakes[0](brake)
         self._brakes[1](brake)
 
-    def set_flaps(self, flaps: float) -> None:
-        self._flaps(flaps)
+    def set_steering(self, steering: float) -> None:
+        """The nose wheel's, positive to the right."""
+        self._steering(steering)
+
+    def set_configuration(self, flaps: float, gear: float) -> None:
+        """1 is down."""
+        self._configuration[0](flaps)
+        self._configuration[1](gear)
+
+    def set_spoilers(self, flight: float, ground: float) -> None:
+        """Speed brakes, and what dumps the lift after touchdown where there is such a thing."""
+        self._spoilers[0](flight)
+        self._spoilers[1](ground)
 
     # Weather. It acts on the next step.
 
@@ -226,7 +262,11 @@ class Aircraft:
     # Time
 
     def settle(self, duration_s: float = 10.0) -> None:
-        """Let the wheels and the idling engine come to rest, brakes on, and call the end of it time zero."""
+        """Let the wheels and the idling engine come to rest, brakes on, and call the end of it time zero.
+
+        Aloft there is nothing to wait for."""
+        if self._aloft is not None:
+            return
         self.set_engine(0.0)
         self.set_brakes(1.0)
         self.advance(round(duration_s * STEP_HZ))
@@ -269,6 +309,15 @@ class Aircraft:
     @property
     def time_us(self) -> int:
         return self._time_us
+
+    @property
+    def powered(self) -> bool:
+        return bool(self._throttles)
+
+    @property
+    def rest_height_m(self) -> float:
+        """Of the centre of gravity above the ground, on the wheels."""
+        return self._rest_height_m
 
     @property
     def ground_m(self) -> float:
@@ -326,8 +375,9 @@ class Aircraft:
             bad = ", ".join(name for name, value in truth._asdict().items() if not math.isfinite(value))
             raise SimulationError(f"at {truth.time_us / 1e6:.2f} s the flight dynamics diverged: {bad} not finite")
         height_m = truth.altitude_amsl_m - self._ground_m
-        if height_m < _BURIED_M or (height_m < self._rest_height_m + 1.0 and truth.down_mps > _CRASH_MPS):
-            where = "is below the ground" if height_m < _BURIED_M else "hit the ground"
+        buried = height_m < _BURIED * self._rest_height_m
+        if buried or (height_m < self._rest_height_m + 1.0 and truth.down_mps > _CRASH_MPS):
+            where = "is below the ground" if buried else "hit the ground"
             raise SimulationError(
                 f"at {truth.time_us / 1e6:.2f} s the aircraft {where}: {height_m:.1f} m above a field at "
                 f"{self._ground_m:.1f} m, sinking at {truth.down_mps:.1f} m/s"
@@ -341,7 +391,27 @@ def _load(name: str) -> "jsbsim.FGFDMExec":  # type: ignore[name-defined]  # noq
 
     fdm = jsbsim.FGFDMExec(None)
     fdm.set_debug_level(0)
-    if not fdm.load_model(name):
+    with tempfile.TemporaryDirectory(prefix="kollsman-") as folder:
+        source = Path(fdm.get_root_dir()) / "aircraft" / name / f"{name}.xml"
+        if _deafened(source, Path(folder) / name):
+            fdm.set_aircraft_path(folder)
+        loaded = fdm.load_model(name)
+    if not loaded:
         raise SimulationError(f"JSBSim has no model '{name}'")
     fdm.disable_output()  # some models would write CSV files into the working directory
     return fdm
+
+
+def _deafened(source: Path, folder: Path) -> bool:
+    """Whether a model would open TCP ports to whoever connects (the 737 does): then `folder` gets a copy without."""
+    if not source.is_file():
+        return False
+    tree = ElementTree.parse(source)
+    listeners = tree.getroot().findall("input")
+    if not listeners:
+        return False
+    for element in listeners:
+        tree.getroot().remove(element)
+    folder.mkdir()
+    tree.write(folder / source.name)
+    return True

@@ -5,7 +5,7 @@ when the throttle follows the airspeed. It is fed with the truth, and its altitu
 altitude, not the pressure altitude a real one would hold: a profile is then flown alike in all weathers, and what the
 weather does to the barometer is seen in the sensors alone.
 
-Gains are data, one `Gains` an aircraft. Updated at `UPDATE_HZ`.
+Speed brakes are the throttle's range below idle. Updated at `UPDATE_HZ`; the gains are data (`sim.gains`).
 """
 
 import math
@@ -15,52 +15,16 @@ from typing import NamedTuple
 
 from companion.errors import SimulationError
 from sim.aircraft import Truth
+from sim.gains import GAINS
 
 UPDATE_HZ = 50
 _DT_S = 1.0 / UPDATE_HZ
-
-
-@dataclass(frozen=True)
-class Gains:
-    """An aircraft's speeds and loop gains. Angles in rad, surfaces -1..1, throttle 0..1."""
-
-    rotate_mps: float
-    climb_mps: float
-    """calibrated airspeed of the climb"""
-    cruise_mps: float
-    minimum_mps: float
-    """calibrated airspeed below which nothing but the nose goes down"""
-    climb_out_pitch_rad: float
-    pitch_limits_rad: tuple[float, float] = (-0.21, 0.28)
-    bank_limit_rad: float = 0.35
-    pitch_p: float = 3.0
-    pitch_i: float = 1.5
-    pitch_rate: float = 0.9
-    bank_p: float = 0.9
-    bank_i: float = 0.1
-    roll_rate: float = 0.25
-    heading_p: float = 1.0
-    yaw_rate: float = 0.4
-    ground_heading_p: float = 2.0
-    ground_yaw_rate: float = 1.5
-    airspeed_pitch_p: float = 0.015
-    airspeed_pitch_i: float = 0.002
-    path_p: float = 0.9
-    path_i: float = 0.35
-    altitude_p: float = 0.2
-    """1/s: the vertical speed commanded for a metre of altitude error, also the shape of a level-off"""
-    throttle_p: float = 0.06
-    throttle_i: float = 0.012
-    throttle_trim: float = 0.65
-    airspeed_filter_s: float = 1.0
-    climb_slew_mps2: float = 0.7
-    """how fast the commanded vertical speed changes: a quarter of what would be felt"""
-    airspeed_slew_mps2: float = 0.7
-
-
-GAINS = {
-    "c172p": Gains(rotate_mps=28.0, climb_mps=38.0, cruise_mps=47.0, minimum_mps=29.0, climb_out_pitch_rad=0.14),
-}
+_GEAR_UP_MPS = 2.0
+"""climbing faster than this, the gear goes up"""
+_FLARE_BANK_RAD = 0.09
+_ALOFT_THROTTLE = 0.6
+_RETARD_PER_S = 0.4
+"""how fast the throttle is closed in the flare"""
 
 
 class Mode(Enum):
@@ -69,9 +33,15 @@ class Mode(Enum):
     PARKED = auto()
     TAKE_OFF = auto()
     AIRSPEED = auto()
-    """full power, pitch holds the airspeed"""
+    """throttle fixed, pitch holds the airspeed"""
     ALTITUDE = auto()
     """pitch holds the vertical speed that leads to the altitude, throttle holds the airspeed"""
+    APPROACH = auto()
+    """the same with gear and flaps out, along an altitude that moves at `climb_mps`"""
+    FLARE = auto()
+    """engines idle, pitch holds `climb_mps`"""
+    ROLL_OUT = auto()
+    """on the ground: straight on, spoilers out, brakes as given"""
 
 
 @dataclass
@@ -84,16 +54,28 @@ class Target:
     vertical_speed_limit_mps: float = 3.0
     airspeed_mps: float | None = None
     """None is the aircraft's own speed for the mode"""
+    throttle: float = 1.0
+    """of mode AIRSPEED"""
+    climb_mps: float = 0.0
+    """vertical speed along the approach path, or of the flare"""
+    bank_rad: float | None = None
+    """a bank to circle at, in place of the heading"""
+    brake: float = 0.0
+    """of the roll-out"""
 
 
 class Controls(NamedTuple):
-    """Positive pitches up, rolls right, yaws right."""
+    """Positive pitches up, rolls right, yaws right. A throttle below zero is speed brakes."""
 
     elevator: float
     aileron: float
     rudder: float
     throttle: float
-    brake: float
+    brake: float = 0.0
+    steering: float = 0.0
+    flaps: float = 0.0
+    gear: float = 1.0
+    lift_dump: float = 0.0
 
 
 class Autopilot:
@@ -105,8 +87,11 @@ class Autopilot:
         self.gains = GAINS[model]
         self._pitch_sum = 0.0
         self._bank_sum = 0.0
+        self._bank_command = 0.0
         self._path_pitch = 0.0
         self._throttle = 0.0
+        self._sum_throttle = 0.0
+        self._flap_setting = 0.0
         self._airspeed_mps = 0.0
         self._mode = Mode.PARKED
         self._pitch_command = 0.0
@@ -121,52 +106,122 @@ class Autopilot:
         mode = target.mode
         if mode is Mode.TAKE_OFF and self._climbs_away(truth):
             mode = Mode.AIRSPEED
+        if self._mode is Mode.PARKED and not truth.on_ground:
+            self._start_aloft(truth)
         if mode is not self._mode:
             self._enter(mode, truth)
         if mode is Mode.TAKE_OFF:
             return self._take_off(truth, target)
-        if mode is Mode.AIRSPEED:
-            throttle = 1.0
-            pitch = self._pitch_for_airspeed(self._slewed_airspeed(target.airspeed_mps or gains.climb_mps))
-        else:
-            throttle = self._throttle_for_airspeed(self._slewed_airspeed(target.airspeed_mps or gains.cruise_mps))
-            pitch = self._pitch_for_altitude(truth, target)
+        if mode is Mode.ROLL_OUT:
+            return self._roll_out(truth, target)
+        self._throttle = self._throttle_for(mode, target)
+        pitch = self._pitch_for(mode, truth, target)
         self._pitch_command = pitch
         bank, rudder = self._lateral(truth, target)
-        return Controls(self._elevator(truth, pitch), self._aileron(truth, bank), rudder, throttle, 0.0)
+        if mode is Mode.FLARE:  # the wing tips are near the ground
+            bank = _clamp(bank, -_FLARE_BANK_RAD, _FLARE_BANK_RAD)
+        return Controls(
+            self._elevator(truth, pitch), self._aileron(truth, bank), rudder, self._throttle,
+            flaps=self._flaps(mode), gear=float(mode in (Mode.APPROACH, Mode.FLARE)),
+        )  # fmt: skip
+
+    def _throttle_for(self, mode: Mode, target: Target) -> float:
+        if mode is Mode.AIRSPEED:
+            return target.throttle
+        if mode is Mode.FLARE:
+            return min(self._throttle, _towards(self._throttle, 0.0, _RETARD_PER_S * _DT_S))
+        # On the approach half as fast: the flaps come out the while, and brake.
+        haste = 0.5 if mode is Mode.APPROACH else 1.0
+        return self._throttle_for_airspeed(self._slewed_airspeed(target.airspeed_mps or self.gains.cruise_mps, haste))
+
+    def _pitch_for(self, mode: Mode, truth: Truth, target: Target) -> float:
+        gains = self.gains
+        if mode is Mode.AIRSPEED:
+            return self._pitch_for_airspeed(self._slewed_airspeed(target.airspeed_mps or gains.climb_mps))
+        if mode is Mode.FLARE:
+            return self._pitch_for_climb(truth, target.climb_mps, 0.0, gains.flare_gain)
+        limit = target.vertical_speed_limit_mps
+        wanted = _clamp(gains.altitude_p * (target.altitude_amsl_m - truth.altitude_amsl_m), -limit, limit)
+        lowest_mps = 0.9 * gains.approach_mps if mode is Mode.APPROACH else gains.minimum_mps
+        return self._pitch_for_climb(truth, self._slewed_climb(wanted + target.climb_mps), lowest_mps)
+
+    def _flaps(self, mode: Mode) -> float:
+        """Out as the commanded airspeed falls from the clean one to the approach's; in once fast after take-off."""
+        gains = self.gains
+        if mode is Mode.APPROACH:
+            slowness = (gains.clean_mps - self._airspeed_command_mps) / (gains.clean_mps - gains.approach_mps)
+            self._flap_setting = max(self._flap_setting, gains.landing_flaps * _clamp(slowness, 0.0, 1.0))
+        elif mode is not Mode.FLARE and self._airspeed_mps > gains.clean_mps:
+            self._flap_setting = 0.0
+        return self._flap_setting
 
     def _climbs_away(self, truth: Truth) -> bool:
         """In the air with the speed to climb at: the pitch may follow the airspeed from here."""
-        fast = self._mode is Mode.AIRSPEED or truth.airspeed_mps >= self.gains.climb_mps
+        enough_mps = self.gains.climb_out_mps or self.gains.climb_mps
+        fast = self._mode is Mode.AIRSPEED or truth.airspeed_mps >= enough_mps
         return fast and not truth.on_ground
+
+    def _start_aloft(self, truth: Truth) -> None:
+        self._airspeed_mps = truth.airspeed_mps
+        self._pitch_command = truth.pitch_rad
+        self._throttle = _ALOFT_THROTTLE
 
     def _enter(self, mode: Mode, truth: Truth) -> None:
         """Take over without a bump: the new law starts from the pitch that the old one commanded."""
         self._mode = mode
         self._path_pitch = self._pitch_command
-        self._throttle = 1.0
+        self._sum_throttle = self._throttle
         self._climb_command_mps = truth.climb_mps
         self._airspeed_command_mps = self._airspeed_mps
 
     def _take_off(self, truth: Truth, target: Target) -> Controls:
         """Run straight, lift the nose at the rotation speed, climb out wings level."""
         gains = self.gains
+        self._throttle, self._flap_setting = 1.0, gains.take_off_flaps
         error = _wrapped(target.heading_rad - truth.yaw_rad)
         if truth.on_ground:
-            rudder = _clamp(gains.ground_heading_p * error - gains.ground_yaw_rate * truth.yaw_rate_radps, -1.0, 1.0)
+            rudder = self._ground_rudder(truth, error)
             if truth.airspeed_mps < gains.rotate_mps:
                 self._pitch_command = truth.pitch_rad
-                return Controls(0.0, self._aileron(truth, 0.0), rudder, 1.0, 0.0)
+                return Controls(
+                    0.0,
+                    self._aileron(truth, 0.0),
+                    rudder,
+                    1.0,
+                    0.0,
+                    gains.take_off_nose_wheel * rudder,
+                    gains.take_off_flaps,
+                )
         else:
             rudder = -gains.yaw_rate * truth.yaw_rate_radps
         # The nose comes up at 4 degrees a second, as a pilot lifts it.
         self._pitch_command = min(self._pitch_command + 0.07 * _DT_S, gains.climb_out_pitch_rad)
         bank = 0.0 if truth.on_ground else _clamp(gains.heading_p * error, -0.2, 0.2)
-        return Controls(self._elevator(truth, self._pitch_command), self._aileron(truth, bank), rudder, 1.0, 0.0)
+        return Controls(
+            self._elevator(truth, self._pitch_command), self._aileron(truth, bank), rudder, 1.0,
+            flaps=gains.take_off_flaps, gear=float(truth.on_ground or truth.climb_mps < _GEAR_UP_MPS),
+        )  # fmt: skip
 
-    def _slewed_airspeed(self, airspeed_mps: float) -> float:
+    def _roll_out(self, truth: Truth, target: Target) -> Controls:
+        """Engines idle, the nose let down at two degrees a second, then straight on."""
+        # Without power there is no slipstream over the rudder, and a crosswind weathercocks: twice as firmly.
+        rudder = self._ground_rudder(truth, 2.0 * _wrapped(target.heading_rad - truth.yaw_rad))
+        self._throttle = 0.0
+        self._pitch_command = max(self._pitch_command - 0.035 * _DT_S, -0.02)
+        slow = truth.airspeed_mps < 0.5 * self.gains.rotate_mps
+        elevator = 0.0 if slow else self._elevator(truth, self._pitch_command)
+        return Controls(
+            elevator, self._aileron(truth, 0.0), rudder, -self.gains.speedbrake, target.brake,
+            self.gains.nose_wheel * rudder, self._flap_setting, lift_dump=1.0,
+        )  # fmt: skip
+
+    def _ground_rudder(self, truth: Truth, error_rad: float) -> float:
+        gains = self.gains
+        return _clamp(gains.ground_heading_p * error_rad - gains.ground_yaw_rate * truth.yaw_rate_radps, -1.0, 1.0)
+
+    def _slewed_airspeed(self, airspeed_mps: float, haste: float = 1.0) -> float:
         self._airspeed_command_mps = _towards(
-            self._airspeed_command_mps, airspeed_mps, self.gains.airspeed_slew_mps2 * _DT_S
+            self._airspeed_command_mps, airspeed_mps, haste * self.gains.airspeed_slew_mps2 * _DT_S
         )
         return self._airspeed_command_mps
 
@@ -177,18 +232,20 @@ class Autopilot:
         self._path_pitch = _clamp(self._path_pitch + gains.airspeed_pitch_i * error * _DT_S, low, high)
         return _clamp(self._path_pitch + gains.airspeed_pitch_p * error, low, high)
 
-    def _pitch_for_altitude(self, truth: Truth, target: Target) -> float:
-        gains = self.gains
-        limit = target.vertical_speed_limit_mps
-        wanted = _clamp(gains.altitude_p * (target.altitude_amsl_m - truth.altitude_amsl_m), -limit, limit)
+    def _slewed_climb(self, wanted_mps: float) -> float:
         # Only going faster up or down is slewed: the altitude law itself shapes a level-off.
-        if 0.0 <= wanted / (self._climb_command_mps or math.inf) <= 1.0:
-            self._climb_command_mps = wanted
+        if 0.0 <= wanted_mps / (self._climb_command_mps or math.inf) <= 1.0:
+            self._climb_command_mps = wanted_mps
         else:
-            self._climb_command_mps = _towards(self._climb_command_mps, wanted, gains.climb_slew_mps2 * _DT_S)
-        slope_error = (self._climb_command_mps - truth.climb_mps) / max(self._airspeed_mps, gains.minimum_mps)
+            self._climb_command_mps = _towards(self._climb_command_mps, wanted_mps, self.gains.climb_slew_mps2 * _DT_S)
+        return self._climb_command_mps
+
+    def _pitch_for_climb(self, truth: Truth, climb_mps: float, lowest_mps: float, gain: float = 1.0) -> float:
+        """The pitch that holds a vertical speed; below `lowest_mps` of airspeed, one that regains speed."""
+        gains = self.gains
+        slope_error = gain * (climb_mps - truth.climb_mps) / max(self._airspeed_mps, gains.minimum_mps)
         low, high = gains.pitch_limits_rad
-        if self._airspeed_mps < gains.minimum_mps:  # out of power: flying comes before holding the altitude
+        if self._airspeed_mps < lowest_mps:  # out of power: flying comes before holding the altitude
             slope_error = min(slope_error, -0.1)
         self._path_pitch = _clamp(self._path_pitch + gains.path_i * slope_error * _DT_S, low, high)
         return _clamp(self._path_pitch + gains.path_p * slope_error, low, high)
@@ -196,28 +253,40 @@ class Autopilot:
     def _throttle_for_airspeed(self, airspeed_mps: float) -> float:
         gains = self.gains
         error = airspeed_mps - self._airspeed_mps
-        self._throttle = _clamp(self._throttle + gains.throttle_i * error * _DT_S, 0.0, 1.0)
-        return _clamp(self._throttle + gains.throttle_p * error, 0.0, 1.0)
+        lowest = -gains.speedbrake
+        self._sum_throttle = _clamp(self._sum_throttle + gains.throttle_i * error * _DT_S, lowest, 1.0)
+        return _clamp(self._sum_throttle + gains.throttle_p * error, lowest, 1.0)
 
     def _lateral(self, truth: Truth, target: Target) -> tuple[float, float]:
         """Bank towards the heading, and a yaw damper that allows the turn's own rate."""
         gains = self.gains
         error = _wrapped(target.heading_rad - truth.yaw_rad)
         bank = _clamp(gains.heading_p * error, -gains.bank_limit_rad, gains.bank_limit_rad)
+        if target.bank_rad is not None:
+            bank = target.bank_rad
+        self._bank_command = _towards(self._bank_command, bank, gains.roll_in_radps * _DT_S)
         turn_rate = 9.81 * math.sin(truth.roll_rad) / max(self._airspeed_mps, gains.minimum_mps)
-        return bank, _clamp(gains.yaw_rate * (turn_rate - truth.yaw_rate_radps), -0.5, 0.5)
+        return self._bank_command, _clamp(gains.yaw_rate * (turn_rate - truth.yaw_rate_radps), -0.5, 0.5)
 
     def _elevator(self, truth: Truth, pitch_rad: float) -> float:
         gains = self.gains
         error = pitch_rad - truth.pitch_rad
         self._pitch_sum = _clamp(self._pitch_sum + gains.pitch_i * error * _DT_S, -0.6, 0.6)
-        return _clamp(gains.pitch_p * error + self._pitch_sum - gains.pitch_rate * truth.pitch_rate_radps, -1.0, 1.0)
+        surface = gains.pitch_p * error + self._pitch_sum - gains.pitch_rate * truth.pitch_rate_radps
+        return _clamp(surface * self._effectiveness(), -1.0, 1.0)
 
     def _aileron(self, truth: Truth, bank_rad: float) -> float:
         gains = self.gains
         error = bank_rad - truth.roll_rad
         self._bank_sum = _clamp(self._bank_sum + gains.bank_i * error * _DT_S, -0.3, 0.3)
-        return _clamp(gains.bank_p * error + self._bank_sum - gains.roll_rate * truth.roll_rate_radps, -1.0, 1.0)
+        surface = gains.bank_p * error + self._bank_sum - gains.roll_rate * truth.roll_rate_radps
+        return _clamp(surface * self._effectiveness(), -1.0, 1.0)
+
+    def _effectiveness(self) -> float:
+        """What to make of a surface's command where the dynamic pressure is more than the gains were found at."""
+        if self._airspeed_mps <= self.gains.full_surface_mps:
+            return 1.0
+        return (self.gains.full_surface_mps / self._airspeed_mps) ** 2
 
 
 def _clamp(value: float, low: float, high: float) -> float:

@@ -22,6 +22,7 @@ from companion.logs.tlog import TlogWriter
 from companion.samples import Packet
 from sim import BOOT_UNIX_US, STEPS_PER_TICK
 from sim.aircraft import Aircraft, Truth
+from sim.approach import Place
 from sim.autopilot import UPDATE_HZ, Autopilot, Mode
 from sim.estimate import OwnEstimate
 from sim.faults.way import Way
@@ -43,6 +44,8 @@ _LATE_S = 0.5
 _READS_PER_TICK = 32
 """A flood on a link delays the flight no longer than this many datagrams do."""
 _REPORT_US = 1_000_000
+_AIRBORNE = (Mode.AIRSPEED, Mode.ALTITUDE, Mode.APPROACH)
+"""modes that have nothing to do on the ground"""
 
 
 @dataclass(frozen=True)
@@ -143,14 +146,24 @@ class Flight:
     def _start_aircraft(self, seed: int) -> None:
         scenario, runway = self.scenario, self.scenario.runway
         self.autopilot = Autopilot(scenario.aircraft)
-        self.profile = Profile(scenario.profile, self.autopilot.gains, runway.elevation_m, runway.heading_deg)
+        aloft = scenario.aloft
+        cruise_mps = self.autopilot.gains.cruise_mps
         self.aircraft = Aircraft(
             scenario.aircraft,
             latitude_deg=runway.latitude_deg,
             longitude_deg=runway.longitude_deg,
             field_elevation_m=runway.elevation_m,
             heading_deg=runway.heading_deg,
+            aloft=None if aloft is None else (aloft.altitude_amsl_m, aloft.airspeed_mps or cruise_mps),
             seed=seed,
+        )
+        place = Place(
+            runway.latitude_deg, runway.longitude_deg, runway.heading_deg, runway.elevation_m,
+            self.aircraft.rest_height_m,
+            self.aircraft.powered,
+        )  # fmt: skip
+        self.profile = Profile(
+            scenario.profile, self.autopilot.gains, place, None if aloft is None else aloft.altitude_amsl_m
         )
         self.weather = Weather(scenario.weather, self.aircraft)
         self.aircraft.settle()
@@ -248,14 +261,18 @@ class Flight:
         before = self.profile.leg
         target = self.profile.update(truth)
         controls = self.autopilot.update(truth, target)
-        self.aircraft.set_surfaces(controls.elevator, controls.aileron, controls.rudder)
-        self.aircraft.set_engine(controls.throttle)
-        self.aircraft.set_brakes(controls.brake)
-        if target.mode is not Mode.PARKED and not self.vehicle.state.armed:
-            self.vehicle.arm()
+        aircraft = self.aircraft
+        aircraft.set_surfaces(controls.elevator, controls.aileron, controls.rudder)
+        aircraft.set_engine(max(controls.throttle, 0.0))
+        aircraft.set_spoilers(max(-controls.throttle, 0.0), controls.lift_dump)
+        aircraft.set_brakes(controls.brake)
+        aircraft.set_steering(controls.steering)
+        aircraft.set_configuration(controls.flaps, controls.gear)
+        if (target.mode is not Mode.PARKED) != self.vehicle.state.armed:
+            self.vehicle.arm(target.mode is not Mode.PARKED)
         if self.profile.leg is not before:
             self.vehicle.say(f"Mission: {self.profile.describe()}")
-        if target.mode not in (Mode.PARKED, Mode.TAKE_OFF) and truth.on_ground:
+        if target.mode in _AIRBORNE and truth.on_ground:
             raise SimulationError(
                 f"at {truth.time_us / 1e6:.2f} s the aircraft hit the ground during '{self.profile.describe()}', "
                 f"sinking at {truth.down_mps:.1f} m/s"

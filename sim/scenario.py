@@ -1,6 +1,7 @@
 """A scenario: what is flown, in which weather, with which sensors. YAML holds what differs from the defaults here."""
 
 import importlib.resources
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated
@@ -9,11 +10,12 @@ from pydantic import Field, model_validator
 
 from companion.config import Settings, load
 from companion.errors import SimulationError
+from sim.aircraft import MODELS, Model
 from sim.estimate import EstimateConfig
 from sim.faults import AnyFault
 from sim.flavours import FLAVOURS, FlavourName
 from sim.ports import check_rates
-from sim.profile import Leg
+from sim.profile import Airspeed, Altitude, Land, Leg, TakeOff
 from sim.sensors.barometer import BarometerConfig
 from sim.sensors.gnss import GnssConfig
 from sim.sensors.imu import ImuConfig
@@ -40,6 +42,14 @@ class Runway(Settings):
     heading_deg: Annotated[float, Field(ge=0.0, lt=360.0)] = 90.0
 
 
+class Aloft(Settings):
+    """A flight that begins in the air above the runway, engines running."""
+
+    altitude_amsl_m: Altitude
+    airspeed_mps: Airspeed | None = None
+    """calibrated; None is the aircraft's cruise"""
+
+
 class Scenario(Settings):
     """One flight. Everything but its name, summary and profile has a default."""
 
@@ -54,6 +64,8 @@ class Scenario(Settings):
     limit_s: Annotated[float, Field(gt=0.0, le=200_000.0)] = 7200.0
     """a flight that lasts longer has gone wrong"""
     runway: Runway = Runway()
+    aloft: Aloft | None = None
+    """for aircraft without an engine, and whoever has no use for a take-off"""
     profile: Annotated[tuple[Leg, ...], Field(min_length=1)]
     weather: WeatherConfig = WeatherConfig()
     sensors: Sensors = Sensors()
@@ -76,22 +88,37 @@ class Scenario(Settings):
     @model_validator(mode="after")
     def _can_be_flown(self) -> "Scenario":
         check_rates(self.streams_hz, FLAVOURS[self.flavour])
-        legs = [leg.leg for leg in self.profile]
-        if "take_off" in legs:
-            first = legs.index("take_off")
-            if any(leg != "wait" for leg in legs[:first]) or any(
-                leg in ("wait", "take_off") for leg in legs[first + 1 :]
-            ):
-                raise ValueError("a profile is: wait, take_off, then climb, hold and descend in any order")
-        elif any(leg != "wait" for leg in legs):
-            raise ValueError("a profile that flies has a take_off after its waits")
-        for leg in self.profile:
-            altitude_m = getattr(leg, "altitude_amsl_m", None)
-            if altitude_m is not None and altitude_m < self.runway.elevation_m + 50.0:
+        check_order([leg.leg for leg in self.profile], MODELS.get(self.aircraft), aloft=self.aloft is not None)
+        for before, after in zip(self.profile, (*self.profile[1:], None), strict=True):
+            if isinstance(before, Land) and before.touch_and_go and not isinstance(after, TakeOff):
+                raise ValueError("a touch-and-go is followed by a take_off")
+        lowest_m = self.runway.elevation_m + 50.0
+        for place in (*self.profile, self.aloft):
+            altitude_m = getattr(place, "altitude_amsl_m", None)
+            if altitude_m is not None and altitude_m < lowest_m:
                 raise ValueError(
                     f"altitude_amsl_m {altitude_m:g} is not 50 m above the runway at {self.runway.elevation_m:g} m"
                 )
         return self
+
+
+def check_order(legs: Sequence[str], model: Model | None, *, aloft: bool) -> None:
+    """That each leg begins where the one before has ended, on the ground or in the air, with an engine if it needs one.
+
+    Raises `ValueError`.
+    """
+    if model is not None and not model.engines:
+        if not aloft:
+            raise ValueError("this aircraft has no engine: give it an altitude to start at (aloft)")
+        legs_with_power = [leg for leg in legs if leg in ("take_off", "climb", "hold", "descend")]
+        if legs_with_power:
+            raise ValueError(f"this aircraft has no engine for a {legs_with_power[0]}: it can glide and land")
+    for leg in legs:
+        if leg in ("wait", "take_off") and aloft:
+            raise ValueError(f"a {leg} begins on the ground: after the start or a landing")
+        if leg not in ("wait", "take_off") and not aloft:
+            raise ValueError(f"a {leg} begins in the air: after a take_off")
+        aloft = leg not in ("wait", "land")
 
 
 def scenario_paths() -> dict[str, Path]:

@@ -112,11 +112,13 @@ class Vehicle:
             self.state.origin = self.estimate.position(self.state.time_us)
             self._set_home()
 
-    def arm(self) -> None:
-        """Armed, in AUTO; home moves to where it stands, as ArduPilot does it."""
-        self.state.armed = True
-        self.say("Throttle armed" if self.flavour.ardupilot else "Armed")
-        self._set_home()
+    def arm(self, armed: bool = True) -> None:
+        """Armed, in AUTO; home moves to where it stands, as ArduPilot does it. Or disarmed again."""
+        self.state.armed = armed
+        word = "armed" if armed else "disarmed"
+        self.say(f"Throttle {word}" if self.flavour.ardupilot else word.capitalize())
+        if armed:
+            self._set_home()
 
     def _set_home(self) -> None:
         self.state.home = self.estimate.position(self.state.time_us)

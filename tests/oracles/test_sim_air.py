@@ -167,5 +167,5 @@ def test_a_state_that_is_not_finite_is_an_error_that_names_it() -> None:
 
 
 def test_an_unknown_aircraft_names_those_that_there_are() -> None:
-    with pytest.raises(SimulationError, match="no aircraft 'concorde': there are c172p"):
+    with pytest.raises(SimulationError, match="no aircraft 'concorde': there are 737, c172p"):
         Aircraft("concorde")

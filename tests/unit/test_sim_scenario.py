@@ -9,6 +9,7 @@ from sim.scenario import load_scenario, scenario_paths
 
 HEAD = "name: mine\nsummary: of a test\n"
 WAIT = "profile:\n  - {leg: wait, duration_s: 5}\n"
+HOLD = "profile:\n  - {leg: hold, duration_s: 5}\n"
 FLIGHT = WAIT + "  - {leg: take_off}\n"
 
 
@@ -19,7 +20,7 @@ def test_all_scenarios_load_and_are_named_like_their_file() -> None:
         scenario = load_scenario(name)
         assert scenario.name == name
         assert scenario.expected
-        assert "take_off" in [leg.leg for leg in scenario.profile]
+        assert scenario.aloft or "take_off" in [leg.leg for leg in scenario.profile]
 
 
 def test_an_unknown_scenario_lists_those_that_exist() -> None:
@@ -41,8 +42,16 @@ def test_a_file_is_loaded_by_its_path(tmp_path: Path) -> None:
         (HEAD + "profile: []\n", "profile"),
         (HEAD + FLIGHT + "sed: 3\n", "sed: unknown key; did you mean `seed`?"),
         (HEAD + FLIGHT + "runway: {elevation_m: 9000}\n", "runway.elevation_m: 9000 is out of range; .*5000 .m."),
-        (HEAD + WAIT + "  - {leg: climb, altitude_amsl_m: 900}\n", "a profile that flies has a take_off"),
-        (HEAD + FLIGHT + "  - {leg: wait, duration_s: 5}\n", "a profile is: wait, take_off, then climb"),
+        (HEAD + WAIT + "  - {leg: climb, altitude_amsl_m: 900}\n", "a climb begins in the air: after a take_off"),
+        (HEAD + FLIGHT + "  - {leg: wait, duration_s: 5}\n", "a wait begins on the ground: after the start or a"),
+        (HEAD + "aircraft: sgs126\n" + FLIGHT, "no engine: give it an altitude to start at"),
+        (
+            HEAD + "aircraft: sgs126\naloft: {altitude_amsl_m: 900}\n" + HOLD,
+            "no engine for a hold: it can glide and land",
+        ),
+        (HEAD + "aloft: {altitude_amsl_m: 310}\n" + HOLD, "altitude_amsl_m 310 is not 50 m above"),
+        (HEAD + FLIGHT + "  - {leg: land}\n  - {leg: hold, duration_s: 5}\n", "a hold begins in the air"),
+        (HEAD + FLIGHT + "  - {leg: land, touch_and_go: true}\n", "a touch-and-go is followed by a take_off"),
         (HEAD + FLIGHT + "  - {leg: climb, altitude_amsl_m: 320}\n", "altitude_amsl_m 320 is not 50 m above"),
         (HEAD + FLIGHT + "  - {leg: loop}\n", "profile"),
         (HEAD + FLIGHT + "streams_hz: {VFR_HUD: 5}\n", "'VFR_HUD' is not streamed: use HEARTBEAT"),

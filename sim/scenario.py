@@ -78,8 +78,9 @@ class Scenario(Settings):
     def planned_s(self) -> float:
         """A rough duration: the holds and waits, and the heights at the rate of a trainer."""
         heights_m = [
-            self.runway.elevation_m,
+            self.runway.elevation_m if self.aloft is None else self.aloft.altitude_amsl_m,
             *(leg.altitude_amsl_m for leg in self.profile if hasattr(leg, "altitude_amsl_m")),
+            *(self.runway.elevation_m for leg in self.profile[-1:] if isinstance(leg, Land)),
         ]
         held_s = sum(leg.duration_s for leg in self.profile if hasattr(leg, "duration_s"))
         climbed_m = sum(abs(after - before) for before, after in pairwise(heights_m))

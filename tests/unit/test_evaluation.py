@@ -1,6 +1,7 @@
 """The evaluation's goal table: judged by its limits, and made from whatever sections have run."""
 
 import math
+import re
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,9 @@ from sim.cli import app
 from sim.evaluation import SECTIONS, Context, Section
 from sim.evaluation.goals import GOALS, Measured
 from sim.evaluation.section import Index, SectionPage, read_rows, summary
+
+PAGES = Path(__file__).parents[2] / "docs" / "evaluation"
+LARGEST_FIGURE_BYTES = 100_000
 
 
 def quiet(fraction: float, what: str) -> None:
@@ -88,3 +92,14 @@ def test_every_section_has_a_goal_and_a_module() -> None:
     for section in SECTIONS.values():
         assert section.key in sections
         assert (Path(__file__).parents[2] / "sim" / "evaluation" / f"{section.module}.py").exists()
+
+
+@pytest.mark.parametrize("key", [key for key in SECTIONS if (PAGES / f"{key}.md").exists()])
+def test_a_page_in_the_repository_is_whole_and_small(key: str) -> None:
+    text = (PAGES / f"{key}.md").read_text(encoding="utf-8")
+    assert f"evaluate {key} --seeds {SECTIONS[key].seeds} " in text
+    for row in read_rows(PAGES / f"{key}.json"):
+        assert row.verdict in text
+    figures = {PAGES / name for name in re.findall(r"\]\(([^)]+\.png)\)", text)}
+    assert figures == set(PAGES.glob(f"{key}-*.png"))
+    assert all(figure.stat().st_size < LARGEST_FIGURE_BYTES for figure in figures)

@@ -16,7 +16,7 @@ from companion.mavlink.identity import OUR_COMPONENT_ID
 from companion.mavlink.outputs import PublishSettings
 from companion.mavlink.streams import StreamSettings
 
-DEFAULT_ESTIMATOR = "adaptive-fusion"
+DEFAULT_ESTIMATOR = "vertical-bank"
 
 
 class VehicleSettings(Settings):

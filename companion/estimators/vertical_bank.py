@@ -16,7 +16,8 @@ Measurements
 ------------
 Pressure is geometric height of the standard atmosphere, h + o + e. Its noise is no less than the median of what
 consecutive heights differ by beyond the motion; beyond three sigma an innovation's variance is inflated (`inflated`),
-and after `BARO_CLIPPED` such ones of one sign the offset is learned anew. The same value again is no measurement.
+and after `CLIPPED_TO_RELEARN` such ones of one sign, or one after a silence, the offset is learned anew. The same value
+again is no measurement, unless the vehicle rests.
 
 GNSS height is h + g. Its spread is split into a slow part, which is the state g, and a white one; both have floors,
 since receivers claim decimetres with metres of error. Beyond five sigma a fix is refused. GNSS climb, where a source
@@ -87,6 +88,7 @@ from companion.estimators.vertical_integrity import (
     GNSS_HEIGHT,
     IMU_PENALTY_US,
     INERTIAL,
+    baro_after_silence,
     baro_comes_back,
     blame,
     blamed_now,
@@ -102,6 +104,7 @@ from companion.estimators.vertical_integrity import (
     note_repeat,
     protection_level_m,
     relearn_offset,
+    rests,
     sees_baro,
     separate,
     spread_m,
@@ -365,12 +368,19 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     if sample[0].instance != 0:
         return tally(state, PRESSURE, on_spare_baro(state, params, sample, estimate))
     time_us = sample[0].time_us
+    returns = s.baro_seen == 1 and time_us - s.last_us[PRESSURE, 0] > SILENT_US
     place(state, PRESSURE, 0, time_us)
     advance(state, params, max(time_us, s.filter_us))
-    if sample[0].pressure_pa == s.baro_pa:
+    sees_baro(state, (s.filter_us - time_us) * 1e-6)
+    if sample[0].pressure_pa == s.baro_pa and not returns:
         note_repeat(state, time_us, s.path_m - s.baro_path_m)
+        combine(state)
+        if is_blamed(state, BAROMETER):
+            verdict = GATED
+        elif rests(state, time_us, s.path_m - s.baro_path_m):
+            take_baro(state, s.baro_m, baro_noise_m(state, params) ** 2)
         write_estimate(state, params, estimate)
-        return tally(state, PRESSURE, GATED if is_blamed(state, BAROMETER) else USED)
+        return tally(state, PRESSURE, verdict)
     baro_m = baro_altitude_m(sample[0].pressure_pa)
     white_m = baro_white_m(state, params, baro_m)
     note_interval(state, time_us)
@@ -380,7 +390,9 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
             if follows_baro(i):
                 expect_baro(s.x[i], s.P[i], baro_m, p.offset_sd_m * p.offset_sd_m, p.scale_sd_ratio * p.scale_sd_ratio)
     s.baro_m, s.baro_pa, s.baro_path_m = baro_m, sample[0].pressure_pa, s.path_m
-    sees_baro(state, (s.filter_us - time_us) * 1e-6)
+    if returns and not is_blamed(state, BAROMETER):
+        baro_after_silence(state, baro_m, white_m * white_m)
+        sees_baro(state, (s.filter_us - time_us) * 1e-6)
     if is_blamed(state, BAROMETER):
         if not baro_comes_back(state, params, baro_m, white_m):
             verdict = GATED
@@ -430,7 +442,13 @@ def baro_white_m(state: Rows, params: Rows, baro_m: float) -> float:
     if not math.isnan(s.baro_m):
         change_m = baro_m - s.baro_m - (s.path_m - s.baro_path_m)
         s.baro_median_m *= 1.0 + NOISE_STEP if abs(change_m) > s.baro_median_m else 1.0 / (1.0 + NOISE_STEP)
-    return max(params[0].baro_sd_m, MEDIAN_TO_SD / math.sqrt(2.0) * s.baro_median_m)
+    return baro_noise_m(state, params)
+
+
+@step
+def baro_noise_m(state: Rows, params: Rows) -> float:
+    """The same, as it is known so far."""
+    return max(params[0].baro_sd_m, MEDIAN_TO_SD / math.sqrt(2.0) * state[0].baro_median_m)
 
 
 @step

@@ -72,6 +72,8 @@ CLIPPED_SIGMA = 3.0
 """no single innovation moves the mean by more"""
 FROZEN_INTERVALS, FROZEN_REPEATS = 10.0, 9
 FROZEN_MOTION_M = 0.5
+REST_S = 1.0
+"""with a barometer whose own rate is not known yet"""
 INTERVAL_WEIGHT = 1.0 / 16.0
 FIX_SIGMA = 5.0
 FIXES, FAILED_FIXES = 5, 4
@@ -222,6 +224,28 @@ def note_repeat(state: Rows, time_us: int, moved_m: float) -> None:
     if long and s.baro_repeats >= FROZEN_REPEATS and abs(moved_m) > FROZEN_MOTION_M and not is_blamed(state, BAROMETER):
         s.baro_frozen = 1
         blame(state, BAROMETER)
+
+
+@step
+def rests(state: Rows, time_us: int, moved_m: float) -> bool:
+    """Whether the barometer repeats its value because nothing changes: for long, and the vehicle does not move."""
+    s = state[0]
+    long_s = REST_S if math.isnan(s.baro_interval_s) else FROZEN_INTERVALS * s.baro_interval_s
+    at_rest = abs(moved_m) <= FROZEN_MOTION_M and abs(s.average[CLIMB]) < TAKEOFF_REST_MPS
+    return at_rest and (time_us - s.baro_value_us) * 1e-6 >= long_s
+
+
+@step
+def baro_after_silence(state: Rows, baro_m: float, R: float) -> None:
+    """A barometer that was silent, or not believed, reads again: what it reads may be of another datum."""
+    s = state[0]
+    combine(state)
+    innovation = baro_m - dot(s.H, s.average)
+    if innovation * innovation > FIX_SIGMA * FIX_SIGMA * (R + gather(s.cov, s.H, s.K)):
+        hand_over(state)
+        relearn_offset(state, innovation * innovation)
+    forget_copies(state)
+    s.stiff_seeded = 0
 
 
 @step

@@ -186,7 +186,7 @@ def test_highres_pressure_steps_in_where_there_is_no_scaled_one() -> None:
 
 def test_an_estimator_that_uses_no_imu_is_not_fed_any() -> None:
     """Its samples are counted as ignored, and cost no more than that, unless an observer wants them."""
-    pipeline = Pipeline(CompanionSettings(), datagrams=True)
+    pipeline = Pipeline(CompanionSettings().with_changes(estimator="adaptive-fusion"), datagrams=True)
     for packet in standing(30, 40):
         pipeline.feed(packet)
     assert pipeline.verdicts[Kind.IMU][Verdict.IGNORED] == pytest.approx(100, abs=2)

@@ -51,6 +51,7 @@ def test_only_new_estimates_are_written(tmp_path: Path) -> None:
 
 
 def test_a_replay_into_two_observers(tmp_path: Path) -> None:
+    """Ten seconds with five pressures, five fixes and ten IMU samples in each."""
     path = tmp_path / "out.csv"
     first = feed(standing(30, 40))
     with CsvSink(path, lambda: "OK") as sink:
@@ -61,7 +62,7 @@ def test_a_replay_into_two_observers(tmp_path: Path) -> None:
             first.pipeline.feed(packet)
     found = lines(path)[1:]
     used = [kind for kind, _, verdict in first.samples[before:] if verdict is Verdict.USED and kind is not Kind.STATUS]
-    assert len(found) == len(used) == 100
+    assert len(found) == len(used) == 200
     assert [int(line[0]) for line in found] == sorted(int(line[0]) for line in found)
 
 

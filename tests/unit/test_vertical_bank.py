@@ -182,6 +182,26 @@ def test_gnss_step_is_excluded_and_stays_so_while_it_is_wrong() -> None:
     assert np.abs(error[elapsed_s > 60.0]).max() < 6.0
 
 
+def test_barometer_that_was_silent_may_come_back_with_another_datum() -> None:
+    """540 m after ten seconds: learned anew, nobody is blamed and the height stays."""
+    made = flight().drop(Kind.PRESSURE, 120.0, 130.0).change(Kind.PRESSURE, "pressure_pa", lambda p: p - 6000.0, 120.0)
+    assert blamed(made) == []
+    _, error, elapsed_s = fly(made)
+    assert np.abs(error[elapsed_s > 60.0]).max() < 6.0
+
+
+def test_value_that_repeats_at_rest_is_a_measurement() -> None:
+    """A barometer that reads the same for minutes on the ground keeps the height while there is no GNSS."""
+    made = flight(Plan(duration_s=120)).drop(Kind.GNSS, 60.0, 120.0)
+    for name, kind in (("pressure_pa", Kind.PRESSURE), ("altitude_amsl_m", Kind.GNSS)):
+        made.tables[kind][name] = made.tables[kind][name][0]
+    made.tables[Kind.IMU]["angular_rate_b_radps"] = 0.0
+    made.tables[Kind.IMU]["specific_force_b_mps2"] = (0.0, 0.0, -9.806)
+    estimates, _, _ = fly(made)
+    assert estimates["altitude_sd_m"][-1] < 5.0
+    assert estimates["faulty"][-1] == Fault.NONE
+
+
 @pytest.mark.parametrize("step_m", [30.0, -30.0])
 def test_gnss_that_jumped_stays_out_for_as_long_as_it_is_wrong(step_m: float) -> None:
     """Ten minutes: the spread of the height without it has long grown beyond the step."""

@@ -26,7 +26,8 @@ lint: $(VENV)/.dev      ## ruff, mypy --strict, import rules
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-config-page: $(VENV)/.sim ## write config/README.md anew from the code
+config-page: $(VENV)/.sim ## write config/README.md and config/scenarios/README.md anew from the code
+	@$(BIN)/kollsman-sim list --keys > config/scenarios/README.md
 	@printf '%s\n\n%s\n' '# Keys of companion.yaml' \
 	  'You need no configuration file. Every key is optional; an unknown key, a wrong type or a value out of range is' > config/README.md
 	@printf '%s\n\n' 'refused with one line. `kollsman check FILE` validates a file. Written by `make config-page`, not by hand.' >> config/README.md

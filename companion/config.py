@@ -124,9 +124,16 @@ def keys(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, str, s
             yield from keys(section, f"{key}.")
             continue
         default = field.get_default(call_default_factory=True)
-        allowed = range_of(field) or _choices(field.annotation)
         meaning = " ".join((field.description or "").split())
-        yield key, "" if default is None else str(default), unit_of(name), allowed, meaning
+        yield key, "" if default is None else str(default), unit_of(name), allowed_of(field), meaning
+
+
+def allowed_of(field: FieldInfo) -> str:
+    """What a key may hold, in words: a range, choices, or an empty string."""
+    inner = (part for kind in get_args(field.annotation) for part in get_args(kind) if isinstance(part, FieldInfo))
+    return (
+        range_of(field) or _choices(field.annotation) or next((span for part in inner if (span := range_of(part))), "")
+    )
 
 
 def _choices(annotation: Any) -> str:

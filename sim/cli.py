@@ -184,8 +184,16 @@ app.command(epilog=fleet.GALLERY_EXAMPLES)(fleet.gallery)
 
 
 @app.command(name="list")
-def list_scenarios() -> None:
+def list_scenarios(
+    *, keys: Annotated[bool, typer.Option("--keys", help="Instead, every key of a scenario file, as Markdown.")] = False
+) -> None:
     """Show the scenarios that come with the simulator."""
+    if keys:
+        from sim.scenario_keys import page  # noqa: PLC0415
+
+        print(page(), end="")
+        return
+
     from rich.console import Console  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
 

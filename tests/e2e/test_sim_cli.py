@@ -54,6 +54,19 @@ def test_a_scenario_file_of_one_s_own(tmp_path: Path) -> None:
     assert "flown: 0 min 15.0 s" in result.stdout
 
 
+def test_the_documented_scenario_flies_twice_to_the_same_bytes(tmp_path: Path) -> None:
+    """What a test engineer does who follows docs/scenarios.md: its file, its first two commands."""
+    page = (REPOSITORY / "docs" / "scenarios.md").read_text(encoding="utf-8")
+    (tmp_path / "my-approach.yaml").write_text(page.split("```yaml\n")[1].split("```")[0])
+    for name in ("first.tlog", "second.tlog"):
+        assert f"kollsman-sim fly my-approach.yaml --tlog {name}" in page
+        result = run("fly", "my-approach.yaml", "--tlog", name, cwd=tmp_path)
+        assert result.returncode == 0, result.stderr
+    first, second = ((tmp_path / name).read_bytes() for name in ("first.tlog", "second.tlog"))
+    assert first == second
+    assert len(first) > 500_000
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "complaint"),
     [

@@ -1,4 +1,4 @@
-"""The configuration's page and example follow the code."""
+"""The pages of keys and the examples follow the code."""
 
 from pathlib import Path
 
@@ -7,6 +7,11 @@ import pytest
 from companion import cli
 from companion.config import keys
 from companion.settings import CompanionSettings, load_settings
+from sim.faults import FAULTS
+from sim.scenario_keys import page
+from sim.sensors.barometer import PRESETS as BAROMETERS
+from sim.sensors.gnss import PRESETS as RECEIVERS
+from sim.sensors.imu import PRESETS as IMUS
 
 CONFIG = Path(__file__).parents[2] / "config"
 
@@ -19,6 +24,18 @@ def test_every_key_says_what_it_means() -> None:
 def test_page_is_what_the_command_prints() -> None:
     page = (CONFIG / "README.md").read_text(encoding="utf-8")
     assert cli._keys_table() in page, "run `make config-page`"
+
+
+def test_the_scenarios_page_is_what_the_command_prints() -> None:
+    assert (CONFIG / "scenarios" / "README.md").read_text(encoding="utf-8") == page(), "run `make config-page`"
+
+
+def test_the_scenarios_page_has_every_leg_fault_and_preset() -> None:
+    text = page()
+    for name in (*FAULTS, *BAROMETERS, *RECEIVERS, *IMUS):
+        assert f"`{name}`" in text
+    for line in ("| `weather.pressure[].sea_level_hpa` | **required** | hPa | from 850 to 1100 |", "### `take_off`"):
+        assert line in text
 
 
 @pytest.mark.parametrize("path", sorted(CONFIG.glob("*.yaml")), ids=lambda path: path.name)

@@ -61,7 +61,10 @@ def gallery(
     workers: Annotated[int | None, typer.Option(min=1, help="Processes. Default: one a core.", metavar="N")] = None,
     out: Annotated[Path, typer.Option(help="Folder of the page and figures.", metavar="DIR")] = Path("docs/gallery"),
 ) -> None:
-    """Fly every scenario once, and write a page with a figure and a table of errors of each."""
+    """Fly every scenario once, and write a page with a figure and a table of errors of each.
+
+    Given names, renew their sections of the page.
+    """
     from sim import campaign as fleet  # noqa: PLC0415
     from sim import gallery as pictures  # noqa: PLC0415
     from sim.scenario import load_scenario, scenario_paths  # noqa: PLC0415

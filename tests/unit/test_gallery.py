@@ -1,15 +1,27 @@
 """The gallery's page: every scenario has its section and its figure, and a section says what happened."""
 
+from concurrent.futures import Executor, Future
 from pathlib import Path
 
 import pytest
 
 from companion.config import validate
 from sim.campaign import Job
-from sim.gallery import PAGE, section
+from sim.gallery import PAGE, build, section
 from sim.scenario import Scenario, scenario_paths
 
 GALLERY = Path(__file__).parents[2] / "docs" / "gallery"
+
+
+class Here(Executor):
+    """Runs a job when it is submitted."""
+
+    def submit(self, function, /, *arguments, **named):  # type: ignore[no-untyped-def]
+        future: Future[object] = Future()
+        future.set_result(function(*arguments, **named))
+        return future
+
+
 PNG = b"\x89PNG\r\n"
 
 
@@ -42,4 +54,17 @@ def test_a_section_draws_and_judges_and_repeats(tmp_path: Path) -> None:
     assert "| adaptive-fusion |" in first.markdown
     assert "| freeze | barometer | 70 | end |" in first.markdown
     assert "| outage | gnss | 72 | 74 |" in first.markdown
-    assert first.contents[:2] == ["[stuck](#stuck)", "Of a test."]
+    assert first.contents.startswith("| [stuck](#stuck) | Of a test. | ")
+
+
+def test_a_renewed_section_leaves_the_others(tmp_path: Path) -> None:
+    before = (GALLERY / f"{PAGE}.md").read_text(encoding="utf-8")
+    (tmp_path / f"{PAGE}.md").write_text(before, encoding="utf-8")
+    build([], Here(), tmp_path)
+    assert (tmp_path / f"{PAGE}.md").read_text(encoding="utf-8") == before
+    values = {"name": "calm", "summary": "Of a test.", "profile": [{"leg": "wait", "duration_s": 70}]}
+    build([Job(validate(values, Scenario, "a test"), 3, ("adaptive-fusion",))], Here(), tmp_path)
+    after = (tmp_path / f"{PAGE}.md").read_text(encoding="utf-8")
+    (line,) = [line for line in after.splitlines() if line.startswith("| [calm](#calm) | Of a test.")]
+    section_of_calm = after[after.index("\n## calm\n") : after.index("\n## calm-circuit\n")]
+    assert after.replace(f"{line}\n", "").replace(section_of_calm, "") == before

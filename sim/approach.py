@@ -86,7 +86,7 @@ class Approach:
         along_m, right_m = self._along_and_right(truth)
         to_go_m = along_m + abs(right_m) + 4.0 * self._turn_m
         gate_m = (self._height_m(truth) - to_go_m / _GLIDE_RATIO) / (1.1 * self._slope + 1.0 / _GLIDE_RATIO)
-        if gate_m < 4.0 * self._turn_m:
+        if gate_m < 4.0 * self._turn_m or self._height_m(truth) < -along_m / _GLIDE_RATIO:
             raise SimulationError(
                 f"at {truth.time_us / 1e6:.2f} s the glider is too low for the runway: {self._height_m(truth):.0f} m "
                 f"above it, {abs(along_m):.0f} m along and {abs(right_m):.0f} m across"

@@ -66,8 +66,9 @@ class Gains:
 
 
 GAINS = {
-    "c172p": Gains(rotate_mps=28.0, climb_mps=38.0, cruise_mps=47.0, minimum_mps=29.0, climb_out_pitch_rad=0.14,
-        nose_wheel=1.0),
+    "c172p": Gains(
+        rotate_mps=28.0, climb_mps=38.0, cruise_mps=47.0, minimum_mps=29.0, climb_out_pitch_rad=0.14, nose_wheel=1.0,
+    ),
     # An airliner of 49 t: stalls at 77 m/s clean, 58 with full flaps. 130 m/s are Mach 0.78 at 10.7 km.
     "737": Gains(
         rotate_mps=72.0, climb_mps=130.0, cruise_mps=130.0, minimum_mps=82.0, climb_out_pitch_rad=0.2,

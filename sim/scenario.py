@@ -14,6 +14,7 @@ from sim.aircraft import MODELS, Model
 from sim.estimate import EstimateConfig
 from sim.faults import AnyFault
 from sim.flavours import FLAVOURS, FlavourName
+from sim.gains import GAINS
 from sim.ports import check_rates
 from sim.profile import Airspeed, Altitude, Land, Leg, TakeOff
 from sim.sensors.barometer import BarometerConfig
@@ -93,6 +94,7 @@ class Scenario(Settings):
         for before, after in zip(self.profile, (*self.profile[1:], None), strict=True):
             if isinstance(before, Land) and before.touch_and_go and not isinstance(after, TakeOff):
                 raise ValueError("a touch-and-go is followed by a take_off")
+        self._check_airspeeds()
         lowest_m = self.runway.elevation_m + 50.0
         for place in (*self.profile, self.aloft):
             altitude_m = getattr(place, "altitude_amsl_m", None)
@@ -101,6 +103,17 @@ class Scenario(Settings):
                     f"altitude_amsl_m {altitude_m:g} is not 50 m above the runway at {self.runway.elevation_m:g} m"
                 )
         return self
+
+    def _check_airspeeds(self) -> None:
+        if self.aircraft not in GAINS:
+            return
+        least_mps = GAINS[self.aircraft].minimum_mps
+        for place in (*self.profile, self.aloft):
+            airspeed_mps = getattr(place, "airspeed_mps", None)
+            if airspeed_mps is not None and airspeed_mps < least_mps:
+                raise ValueError(
+                    f"airspeed_mps {airspeed_mps:g} is too slow for {self.aircraft}: at least {least_mps:g}"
+                )
 
 
 def check_order(legs: Sequence[str], model: Model | None, *, aloft: bool) -> None:

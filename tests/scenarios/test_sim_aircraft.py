@@ -131,6 +131,12 @@ def test_it_lands(name: str, altitude_m: float, legs: list[dict[str, Any]]) -> N
     assert not landing.vehicle.state.armed
 
 
+def test_a_glider_that_cannot_reach_the_runway_says_so() -> None:
+    legs: list[dict[str, Any]] = [{"leg": "glide", "altitude_amsl_m": 380, "heading_deg": 270}, {"leg": "land"}]
+    with pytest.raises(SimulationError, match=r"the glider is too low for the runway: \d+ m above it"):
+        flown(flight("sgs126", legs, aloft={"altitude_amsl_m": 500}))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["737", "f16"])
 def test_a_jet_lands(name: str) -> None:

@@ -49,6 +49,7 @@ def test_a_file_is_loaded_by_its_path(tmp_path: Path) -> None:
             HEAD + "aircraft: sgs126\naloft: {altitude_amsl_m: 900}\n" + HOLD,
             "no engine for a hold: it can glide and land",
         ),
+        (HEAD + "aloft: {altitude_amsl_m: 900, airspeed_mps: 20}\n" + HOLD, "airspeed_mps 20 is too slow for c172p"),
         (HEAD + "aloft: {altitude_amsl_m: 310}\n" + HOLD, "altitude_amsl_m 310 is not 50 m above"),
         (HEAD + FLIGHT + "  - {leg: land}\n  - {leg: hold, duration_s: 5}\n", "a hold begins in the air"),
         (HEAD + FLIGHT + "  - {leg: land, touch_and_go: true}\n", "a touch-and-go is followed by a take_off"),

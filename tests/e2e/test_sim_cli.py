@@ -72,7 +72,7 @@ def test_the_documented_scenario_flies_twice_to_the_same_bytes(tmp_path: Path) -
     [
         (["fly", "short-hop"], 2, "nowhere to fly to: give a --link URL, a --tlog FILE, or both"),
         (["fly", "short-hop", "--tlog", "x.tlog", "--speed", "fast"], 2, "--speed 'fast' is neither"),
-        (["fly", "nothing", "--tlog", "x.tlog"], 1, "no scenario 'nothing': there are best-sensors, calm-circuit"),
+        (["fly", "nothing", "--tlog", "x.tlog"], 1, "no scenario 'nothing': there are airliner-descent"),
         (["fly", "none.yaml", "--tlog", "x.tlog"], 1, "none.yaml: no such file"),
         (["fly", "short-hop", "--link", "pigeon:1"], 1, "unknown scheme 'pigeon'"),
         (["fly", "short-hop", "--tlog", "no/folder/x.tlog"], 1, "no/folder/x.tlog"),

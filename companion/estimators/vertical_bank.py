@@ -441,6 +441,7 @@ def baro_white_m(state: Rows, params: Rows, baro_m: float) -> float:
     s = state[0]
     if not math.isnan(s.baro_m):
         change_m = baro_m - s.baro_m - (s.path_m - s.baro_path_m)
+        s.baro_change_m = change_m
         s.baro_median_m *= 1.0 + NOISE_STEP if abs(change_m) > s.baro_median_m else 1.0 / (1.0 + NOISE_STEP)
     return baro_noise_m(state, params)
 
@@ -485,6 +486,7 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         return tally(state, GNSS, verdict)
     if instance == 0 and time_us - s.last_us[GNSS, 0] > SILENT_US:
         s.near_fix_m, s.latched = math.nan, 0
+        s.silence_s = (time_us - s.last_us[GNSS, 0]) * 1e-6
     place(state, GNSS, instance, time_us)
     silent = time_us - s.last_us[GNSS, 0] > SILENT_US
     if instance == 0 or silent:
@@ -508,7 +510,7 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     elif not watch_fix(state, far):
         verdict = GATED
     if verdict == USED:
-        s.fix_seen = 1
+        s.fix_seen, s.fix_us = 1, s.filter_us
         take_fix(state, fix_m, R)
         take_climb(state, params, sample[0].climb_mps, late_s)
     combine(state)
@@ -533,7 +535,7 @@ def on_spare_fix(state: Rows, params: Rows, sample: Rows, estimate: Rows, fix_m:
         return USED
     if not is_settled(state, RECEIVER, instance):
         return GATED
-    s.spare_us[RECEIVER, instance] = sample[0].time_us
+    s.spare_us[RECEIVER, instance], s.fix_us = sample[0].time_us, s.filter_us
     take_fix(state, fix_m - s.spare_offset_m[RECEIVER, instance], R)
     write_estimate(state, params, estimate)
     return USED

@@ -68,6 +68,9 @@ NOBODY, BAROMETER, GNSS_HEIGHT, INERTIAL = (int(fault) for fault in Fault)
 
 ONSET_SIGMA, ONSET_OF, ONSET_FAILS = 4.0, 10, 8
 ONSET_TIME_S, ONSET_MEAN_SIGMA = 2.0, 6.0
+SCALE_TIME_S = 1.0
+"""for so long does a climb that the air's scale feigns go unabsorbed in the stiff copy"""
+ALONE_US = 3_000_000
 CLIPPED_SIGMA = 3.0
 """no single innovation moves the mean by more"""
 FROZEN_INTERVALS, FROZEN_REPEATS = 10.0, 9
@@ -97,6 +100,7 @@ FASTEST_WEATHER_MPS = 1.0
 """two hectopascals a minute are 0.28 m/s; the warmest ramp of a front at 3 km adds as much"""
 DOUBT_TIME_S = 300.0
 """in which doubt in the height without GNSS grows by a sigma"""
+OUTAGE_S, REACQUIRED_S = 10.0, 15.0
 DEFENDED_SD_M = 30.0
 """a height without GNSS that is worse is of no use: better a GNSS that may be wrong"""
 INFLATED_TIME_S = 200.0
@@ -120,6 +124,9 @@ def integrity_fields() -> tuple[tuple[Any, ...], ...]:
         ("onset_above", "i8"),  # bits of the last innovations beyond the gate, newest lowest
         ("onset_below", "i8"),
         ("onset_mean", "f8"),
+        ("baro_change_m", "f8"),  # from value to value, beyond the motion
+        ("baro_jump_us", "i8"),  # when that was last more than noise
+        ("fix_us", "i8"),  # newest fix that was used
         ("stiff_seeded", "i8"),
         ("steady_us", "i8"),  # a blamed barometer follows the motion since, -1 not
         ("steady_m", "f8"),
@@ -133,7 +140,8 @@ def integrity_fields() -> tuple[tuple[Any, ...], ...]:
         ("jump_m", "f8"),  # of the last fixes, not yet believed
         ("jumped_fixes", "i8"),
         ("near_fix_m", "f8"),  # innovation of the last fix within the gate, NaN after a silence
-        ("latched", "i8"),  # 1: what GNSS is blamed for came as a jump
+        ("silence_s", "f8"),  # before the fixes since
+        ("latched", "i8"),  # what GNSS is blamed for came: 1 as a jump, -1 with the first fixes after an outage, 0 else
         ("seeded_us", "i8", (FREE,)),  # of the copies without GNSS, -1 never
         ("separation_mean_m", "f8", (FREE,)),  # bank less copy, smoothed; NaN while the copy is too young
         ("separation_us", "i8"),
@@ -155,10 +163,11 @@ def integrity_start(state: Rows, params: Rows) -> None:
         s.blamed_us[i] = -1
     s.baro_value_us, s.baro_repeats, s.baro_interval_s, s.baro_frozen = -1, 0, math.nan, 0
     s.onset_above, s.onset_below, s.onset_mean, s.stiff_seeded = 0, 0, 0.0, 0
+    s.baro_change_m, s.baro_jump_us, s.fix_us = 0.0, -ALONE_US, -ALONE_US
     s.steady_us, s.steady_m, s.smooth_m = -1, 0.0, 0.0
     s.failed_fixes, s.near_us, s.near_m = 0, -1, 0.0
     s.away_fixes, s.away_m, s.jumps_m, s.jumped_fixes, s.jump_m = 0, math.nan, 0.0, 0, 0.0
-    s.near_fix_m, s.latched = math.nan, 0
+    s.near_fix_m, s.silence_s, s.latched = math.nan, 0.0, 0
     forget_copies(state)
     s.separation_us = -1
     s.excess_m = 0.0
@@ -270,7 +279,10 @@ def seed_stiff(state: Rows, i: int, height_m: float, error_m: float) -> None:
 
 @step
 def watch_baro(state: Rows, baro_m: float, R: float) -> bool:
-    """Whether the barometer has just begun to be wrong, as the stiff copy sees it; that takes the measurement in."""
+    """Whether the barometer has just begun to be wrong, as the stiff copy sees it; that takes the measurement in.
+
+    Without GNSS it is the barometer against the IMU, and the one that stays bounded is believed, unless it jumped.
+    """
     s = state[0]
     if s.stiff_seeded == 0:
         s.stiff_seeded = 1
@@ -278,9 +290,11 @@ def watch_baro(state: Rows, baro_m: float, R: float) -> bool:
         seed_stiff(state, STIFF, baro_m, 0.0)
         s.P[STIFF, HEIGHT, HEIGHT] = R
         return False
+    s.x[STIFF, SCALE] = s.average[SCALE]
     innovation = baro_m - dot(s.H, s.x[STIFF])
     S = R + gather(s.P[STIFF], s.H, s.K)
-    normal = innovation / math.sqrt(S)
+    by_scale_m = SCALE_TIME_S * s.average[CLIMB] * math.sqrt(s.cov[SCALE, SCALE])
+    normal = innovation / math.sqrt(S + by_scale_m * by_scale_m)
     kept = (1 << ONSET_OF) - 1
     s.onset_above = ((s.onset_above << 1) | (1 if normal > ONSET_SIGMA else 0)) & kept
     s.onset_below = ((s.onset_below << 1) | (1 if normal < -ONSET_SIGMA else 0)) & kept
@@ -288,6 +302,10 @@ def watch_baro(state: Rows, baro_m: float, R: float) -> bool:
     s.onset_mean += share * (max(-CLIPPED_SIGMA, min(CLIPPED_SIGMA, normal)) - s.onset_mean)
     if abs(normal) <= ONSET_SIGMA:
         absorb(s.x[STIFF], s.P[STIFF], s.K, innovation, S)
+    if abs(s.baro_change_m) > JUMP_SIGMA * math.sqrt(2.0 * R):
+        s.baro_jump_us = s.filter_us
+    if s.filter_us - s.fix_us > ALONE_US and s.filter_us - s.baro_jump_us > ALONE_US:
+        return False
     fails = max(bits(s.onset_above), bits(s.onset_below)) >= ONSET_FAILS
     mean_sd = math.sqrt(share / (2.0 - share))
     return fails or abs(s.onset_mean) > ONSET_MEAN_SIGMA * mean_sd > 0.0
@@ -345,7 +363,7 @@ def watch_fix(state: Rows, failed: bool) -> bool:
     s = state[0]
     s.failed_fixes = ((s.failed_fixes << 1) | (1 if failed else 0)) & ((1 << FIXES) - 1)
     if not failed:
-        s.near_fix_m = s.innovation_m
+        s.near_fix_m, s.silence_s = s.innovation_m, 0.0
     if bits(s.failed_fixes) < FAILED_FIXES or is_blamed(state, INERTIAL):
         return not failed
     if abs(s.excess_m) > TAKEN_BACK_M and s.excess_m * s.innovation_m < 0.0:
@@ -358,7 +376,10 @@ def watch_fix(state: Rows, failed: bool) -> bool:
         return True
     if not is_blamed(state, BAROMETER):
         blame(state, GNSS_HEIGHT)
-        s.latched = 1 if abs(s.innovation_m - s.near_fix_m) > STEADY_GNSS_M else 0
+        if s.silence_s > OUTAGE_S:
+            s.latched = -1
+        elif abs(s.innovation_m - s.near_fix_m) > STEADY_GNSS_M:
+            s.latched = 1
     elif s.baro_frozen == 0 and s.filter_us - s.blamed_us[BAROMETER] < IMU_SUSPECT_US:
         s.blamed_us[BAROMETER] = -1
         blame(state, INERTIAL)
@@ -380,7 +401,8 @@ def gnss_comes_back(state: Rows, away_m: float, R: float) -> bool:
 
     What parts slowly while GNSS is left out may be the weather under the barometer. So the jumps of the fixes against
     the bank are added up: a fault that came with one has gone when another takes it back. Until then it stays out as
-    long as doubt in the height explains what the fixes have moved since, and the height is worth defending.
+    long as doubt in the height explains what the fixes have moved since, and the height is worth defending. After an
+    outage it is the height that is in doubt, and fixes that stay for longer are believed however far they are.
     """
     s = state[0]
     note_jump(state, away_m, R)
@@ -389,12 +411,14 @@ def gnss_comes_back(state: Rows, away_m: float, R: float) -> bool:
     as_it_came = abs(s.away_m - s.jumps_m) <= STEADY_GNSS_M + 2.0 * sd_m
     held = s.latched == 1 and as_it_came and sd_m < DEFENDED_SD_M
     limit_m = STEADY_GNSS_M if held else max(STEADY_GNSS_M, doubt * sd_m)
-    if abs(away_m) > limit_m and abs(s.jumps_m) > STEADY_GNSS_M:
+    far = abs(away_m) > limit_m and abs(s.jumps_m) > STEADY_GNSS_M
+    steady_s = REACQUIRED_S if far else STEADY_S
+    if far and s.latched >= 0:
         s.near_us = -1
         return False
     if s.near_us < 0 or abs(s.away_m - s.near_m) > FASTEST_WEATHER_MPS * STEADY_S:
         s.near_us, s.near_m = s.filter_us, s.away_m
-    if (s.filter_us - s.near_us) * 1e-6 < STEADY_S:
+    if (s.filter_us - s.near_us) * 1e-6 < steady_s:
         return False
     s.blamed_us[GNSS_HEIGHT] = -1
     s.failed_fixes = 0

@@ -361,7 +361,7 @@ def on_attitude(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
 @step
 def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     """A barometer height: is it new, what noise does it show, is it to be believed; then every channel takes it."""
-    s, p = state[0], params[0]
+    s = state[0]
     verdict = judge_pressure(state, sample, LOWEST_PA, HIGHEST_PA)
     if verdict != USED:
         return tally(state, PRESSURE, verdict)
@@ -386,9 +386,8 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     note_interval(state, time_us)
     if s.baro_seen == 0:
         s.baro_seen = 1
-        for i in range(CHANNELS):
-            if follows_baro(i):
-                expect_baro(s.x[i], s.P[i], baro_m, p.offset_sd_m * p.offset_sd_m, p.scale_sd_ratio * p.scale_sd_ratio)
+        combine(state)
+        expect_atmosphere(state, params, s.average[HEIGHT] if s.fix_seen == 1 else baro_m)
     s.baro_m, s.baro_pa, s.baro_path_m = baro_m, sample[0].pressure_pa, s.path_m
     if returns and not is_blamed(state, BAROMETER):
         baro_after_silence(state, baro_m, white_m * white_m)
@@ -403,6 +402,16 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         take_baro(state, baro_m, white_m * white_m)
     write_estimate(state, params, estimate)
     return tally(state, PRESSURE, verdict)
+
+
+@step
+def expect_atmosphere(state: Rows, params: Rows, height_m: float) -> None:
+    """Prior of the barometer's error at a height, the true one if there is one: on a day 8 % too warm, the barometer's
+    own reading in its place makes the scale learned from the first innovation 8 % too small."""
+    s, p = state[0], params[0]
+    for i in range(CHANNELS):
+        if follows_baro(i):
+            expect_baro(s.x[i], s.P[i], height_m, p.offset_sd_m * p.offset_sd_m, p.scale_sd_ratio * p.scale_sd_ratio)
 
 
 @step
@@ -507,6 +516,8 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
             verdict = GATED
     elif far and s.fix_seen == 0:
         relearn_offset(state, s.innovation_m * s.innovation_m)  # the barometer's datum is further off than its prior
+    elif s.fix_seen == 0 and s.baro_seen == 1:
+        expect_atmosphere(state, params, fix_m)
     elif not watch_fix(state, far):
         verdict = GATED
     if verdict == USED:

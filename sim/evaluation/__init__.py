@@ -58,6 +58,7 @@ _SECTIONS: tuple[Section, ...] = (
     Section("bound", "The papers' common scenarios and the Cramer-Rao bound", "bound_section", 200),
     Section("flights", "Simulated and recorded flights", "flights", 24),
     Section("faults", "Sensor faults", "faults", 2),
+    Section("states", "Each state over one flight", "states", 2),
     Section("protection", "Protection level and false alarms", "protection", 1000),
 )
 

@@ -34,4 +34,4 @@ def show(found: Comparison) -> None:
     for result in found.results:
         values = (getattr(result, name) for name in COLUMNS.values())
         table.add_row(result.label, *("" if math.isnan(value) else f"{value:.2f}" for value in values))
-    Console(width=120).print(table)
+    Console(width=140).print(table)

@@ -88,9 +88,9 @@ class TestIndex:
 
 
 def test_every_section_has_a_goal_and_a_module() -> None:
-    sections = {goal.section for goal in GOALS.values()}
+    """But for the picture of the states, which judges nothing."""
+    assert {goal.section for goal in GOALS.values()} == set(SECTIONS) - {"states"}
     for section in SECTIONS.values():
-        assert section.key in sections
         assert (Path(__file__).parents[2] / "sim" / "evaluation" / f"{section.module}.py").exists()
 
 

@@ -479,10 +479,8 @@ def separate(state: Rows, params: Rows) -> None:
     s = state[0]
     if is_blamed(state, BAROMETER) or is_blamed(state, GNSS_HEIGHT) or is_blamed(state, INERTIAL):
         return
-    oldest, youngest_us, onset_s = 0, -1, math.nan
+    oldest, youngest_us, onset_s = oldest_copy(state), -1, math.nan
     for j in range(FREE):
-        if s.seeded_us[j] < s.seeded_us[oldest]:
-            oldest = j
         youngest_us = max(youngest_us, s.seeded_us[j])
     elapsed_s = (s.filter_us - s.separation_us) * 1e-6
     s.excess_m *= math.exp(-min(elapsed_s, INFLATED_TIME_S) / INFLATED_TIME_S)
@@ -508,6 +506,16 @@ def separate(state: Rows, params: Rows) -> None:
         return
     if youngest_us < 0 or (s.filter_us - youngest_us) * 1e-6 >= SEED_S:
         seed_without_gnss(state, params, oldest)
+
+
+@step
+def oldest_copy(state: Rows) -> int:
+    """Which copy without GNSS was seeded first; one that never was, if there is one."""
+    s, oldest = state[0], 0
+    for j in range(1, FREE):
+        if s.seeded_us[j] < s.seeded_us[oldest]:
+            oldest = j
+    return oldest
 
 
 @step
@@ -642,10 +650,7 @@ def protection_level_m(state: Rows, params: Rows) -> float:
     level_m = p.protection_sigma * spread_m(state)
     if math.isnan(p.fault_sigma):
         return level_m
-    oldest = 0
-    for j in range(FREE):
-        if s.seeded_us[j] < s.seeded_us[oldest]:
-            oldest = j
+    oldest = oldest_copy(state)
     for i in range(BANK, CHANNELS):
         without_gnss = i >= NO_GNSS
         if i in (STIFF, TAKEOFF) or (i == NO_BARO and is_blamed(state, GNSS_HEIGHT)):

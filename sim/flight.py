@@ -134,6 +134,7 @@ class Flight:
             self._record if self._writer else None,
             face,
         )
+        self.vehicle.state.true_air = self.weather.truth
         rates_hz = scenario.streams_hz if all_streams else {}
         self._links = [
             (link, Port(link.url, self._way(link), rates_hz, full=all_streams, flavour=face)) for link in links

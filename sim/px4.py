@@ -2,8 +2,8 @@
 
 Stamps are those of the samples, in microseconds since boot; a sample is sent once. RAW_IMU it does not know, SCALED_IMU
 it sends when asked. SCALED_PRESSURE comes at 1 Hz until asked; HIGHRES_IMU carries the pressure as well. It streams
-ATTITUDE at 100 Hz and here at 50, the rate of the simulated motion. The truth, SIM_STATE, which PX4 has not, goes to
-logs and to who asks.
+ATTITUDE at 100 Hz and here at 50, the rate of the simulated motion. The truth, SIM_STATE and that of the air, which PX4
+has not, goes to logs and to who asks.
 
 Departures: HIGHRES_IMU is not corrected by the estimated biases, and the vehicle's own height is that of
 ``estimate.py`` (barometric) and not EKF2's.
@@ -149,6 +149,7 @@ _GLOBAL_POSITION_INT = packer("GLOBAL_POSITION_INT")
 _ALTITUDE = packer("ALTITUDE")
 _EXTENDED_SYS_STATE = packer("EXTENDED_SYS_STATE")
 _HOME_POSITION = packer("HOME_POSITION")
+_DEBUG_FLOAT_ARRAY = packer("DEBUG_FLOAT_ARRAY")
 _TIMED = (_HIGHRES_IMU.message_id, _ATTITUDE.message_id)
 
 _TABLE = (
@@ -164,6 +165,7 @@ _TABLE = (
     Telemetry(_ALTITUDE, altitude, 10.0, 10.0),
     Telemetry(_EXTENDED_SYS_STATE, common.extended_sys_state, 5.0, 5.0),
     Telemetry(_HOME_POSITION, common.home_position, 0.5, 0.5),
+    Telemetry(_DEBUG_FLOAT_ARRAY, common.true_air, 0.0, 1.0),
 )
 
 TELEMETRY: Mapping[int, Telemetry] = {row.packer.message_id: row for row in _TABLE}

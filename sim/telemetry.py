@@ -3,7 +3,7 @@
 Here are what all flavours share, and `TELEMETRY`, ArduPilot's table (PX4's is in ``px4.py``, the choice of one in
 ``flavours.py``). Integers and units are ArduPilot's, as measured: RAW_IMU in mG and mrad/s truncated as its C casts do,
 GPS_RAW_INT in whole milliseconds and with 65535 for unknown, SCALED_PRESSURE stamped when sent, SIM_STATE without any
-time.
+time. Besides SIM_STATE the truth has a DEBUG_FLOAT_ARRAY, `TRUE_AIR`, which goes to logs and to who asks.
 """
 
 import math
@@ -18,12 +18,15 @@ from sim.frames import Packer, packer
 from sim.sensors.barometer import Pressure
 from sim.sensors.gnss import Fix
 from sim.sensors.imu import ImuSample
+from sim.weather import TrueAir
 
 MAV_TYPE_FIXED_WING = 1
 MAV_AUTOPILOT_ARDUPILOTMEGA = 3
 _DISARMED, _ARMED = (81, 0, 3), (217, 10, 4)
 """base_mode, custom_mode, system_status: MANUAL in standby, AUTO armed and active, as ArduPlane 4.7 sends them"""
 _UNKNOWN_U16 = 65535
+TRUE_AIR = "trueAir"
+_ARRAY_SIZE = 58
 _EARTH_FIELD_MGAUSS = (215.0, 8.0, 425.0)
 """north, east, down; World Magnetic Model at 47 N 8 E"""
 
@@ -48,6 +51,8 @@ class State:
     ground_pressure_pa: float = math.nan
     """the first reading: what the barometer was calibrated to at boot"""
     parameters: Mapping[str, float] = field(default_factory=dict)
+    true_air: Callable[[Truth], TrueAir] | None = None
+    """what the air really is where the aircraft is"""
 
 
 class Fresh(Enum):
@@ -141,6 +146,18 @@ def sim_state(state: State) -> bytes | None:
         truth.down_mps,
         round(truth.latitude_deg * 1e7),
         round(truth.longitude_deg * 1e7),
+    )
+
+
+def true_air(state: State) -> bytes | None:
+    """The truth about the air in a message that loggers and plotters know: QNH (hPa), the column's pressure at sea
+    level (hPa), temperature less the standard one (K), pressure altitude (m), wind towards north, east, down (m/s)."""
+    if state.truth is None or state.true_air is None:
+        return None
+    air = state.true_air(state.truth)
+    told = [air.qnh_pa * 0.01, air.sea_level_pa * 0.01, *air[2:]]
+    return _DEBUG_FLOAT_ARRAY.named(
+        time_usec=state.truth.time_us, name=TRUE_AIR, data=told + [0.0] * (_ARRAY_SIZE - len(told))
     )
 
 
@@ -271,6 +288,7 @@ _ATTITUDE = packer("ATTITUDE")
 _RAW_IMU = packer("RAW_IMU")
 _SIM_STATE = packer("SIM_STATE")
 _HIGHRES_IMU = packer("HIGHRES_IMU")
+_DEBUG_FLOAT_ARRAY = packer("DEBUG_FLOAT_ARRAY")
 _SCALED_PRESSURE = packer("SCALED_PRESSURE")
 _GPS_RAW_INT = packer("GPS_RAW_INT")
 _GLOBAL_POSITION_INT = packer("GLOBAL_POSITION_INT")
@@ -292,6 +310,7 @@ _TABLE = (
     Telemetry(_EXTENDED_SYS_STATE, extended_sys_state, 1.0, 1.0, _EXTENDED_STATUS),
     Telemetry(_HOME_POSITION, home_position, 0.2, 0.2),
     Telemetry(_HIGHRES_IMU, highres_imu, 0.0, 0.0),
+    Telemetry(_DEBUG_FLOAT_ARRAY, true_air, 0.0, 1.0),
 )
 
 TELEMETRY: Mapping[int, Telemetry] = {row.packer.message_id: row for row in _TABLE}

@@ -16,8 +16,8 @@ from typing import Annotated, NamedTuple
 from pydantic import Field, model_validator
 
 from companion.config import Settings
-from sim.aircraft import Aircraft
-from sim.weather.column import Column
+from sim.aircraft import Aircraft, Truth
+from sim.weather.column import Column, pressure_altitude_m, standard_k
 from sim.weather.fields import Change, Diurnal, Front, Gradient, Gust, MountainWave, Place, Time, Wind
 from sim.weather.metar import Metar
 
@@ -129,6 +129,23 @@ class Now(NamedTuple):
     down_mps: float
 
 
+class TrueAir(NamedTuple):
+    """What a perfect meteorologist aboard would say."""
+
+    qnh_pa: float
+    """what an altimeter has to be set to for it to show, on the field, the field's elevation"""
+    sea_level_pa: float
+    """of the column the aircraft is in (QFF); QNH but for the temperature of the air below the field"""
+    offset_k: float
+    """temperature at the aircraft less the standard atmosphere's there"""
+    pressure_altitude_m: float
+    """geopotential height at which the standard atmosphere has the static pressure at the aircraft"""
+    north_mps: float
+    east_mps: float
+    down_mps: float
+    """the wind without its turbulence: where the air goes"""
+
+
 class Weather:
     """Applies a `WeatherConfig` to an aircraft; `update` as often as the ramps are to be smooth."""
 
@@ -150,6 +167,8 @@ class Weather:
         if config.profile or config.relative_humidity:
             points = [(point.altitude_amsl_m, point.offset_k) for point in config.profile]
             self._column = Column(points, config.relative_humidity)
+        self._standard, self._own = Column(), Column()
+        """for the QNH: the standard day, and JSBSim's column once more"""
         self._solved_k = 0.0
         self._applied_air: tuple[float, float] | None = None
         self._applied_wind: tuple[float, float, float] | None = None
@@ -175,6 +194,28 @@ class Weather:
             ratio += total.local_pa / self._aircraft.air()[0]
         self.now = Now(sea_level_pa, offset_k, north, east, down)
         self._apply(sea_level_pa * ratio, offset_k, (north, east, down))
+
+    def truth(self, truth: Truth) -> TrueAir:
+        """The air of the last `update`, at an aircraft that is where `truth` says."""
+        now = self.now
+        return TrueAir(
+            self._qnh_pa(),
+            now.sea_level_pa,
+            truth.temperature_k - standard_k(truth.altitude_amsl_m),
+            pressure_altitude_m(truth.pressure_pa),
+            now.north_mps,
+            now.east_mps,
+            now.down_mps,
+        )
+
+    def _qnh_pa(self) -> float:
+        """The field's pressure, brought down to sea level through the standard column."""
+        column = self._column
+        if column is None:
+            column = self._own
+            column.solve(self.now.offset_k)
+        field_pa, standard_pa = (air.at(self._aircraft.ground_m, 1.0).pressure_pa for air in (column, self._standard))
+        return self.now.sea_level_pa * field_pa / standard_pa
 
     def _apply(self, sea_level_pa: float, offset_k: float, wind_mps: tuple[float, float, float]) -> None:
         if wind_mps != self._applied_wind:

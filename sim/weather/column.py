@@ -22,6 +22,9 @@ _EARTH_RADIUS_M = 6_356_766.0
 _SEA_LEVEL_K = 288.15
 _LAPSE_K_PER_M = 0.0065
 _TROPOPAUSE_M = 11_000.0
+_TROPOPAUSE_K = _SEA_LEVEL_K - _LAPSE_K_PER_M * _TROPOPAUSE_M
+STANDARD_PA = 101_325.0
+_TROPOPAUSE_PA = STANDARD_PA * (_TROPOPAUSE_K / _SEA_LEVEL_K) ** (G0_MPS2 / GAS_CONSTANT / _LAPSE_K_PER_M)
 _STRATOSPHERE_M = 20_000.0
 _BOTTOM_M, _STEP_M = -500.0, 100.0
 _FLAT_K = 1e-6
@@ -42,6 +45,19 @@ class Air(NamedTuple):
 def geopotential_m(altitude_m: float) -> float:
     """Of a geometric altitude."""
     return _EARTH_RADIUS_M * altitude_m / (_EARTH_RADIUS_M + altitude_m)
+
+
+def pressure_altitude_m(pressure_pa: float) -> float:
+    """The geopotential height at which the standard atmosphere has this pressure, up to 20 km."""
+    if pressure_pa > _TROPOPAUSE_PA:
+        ratio = math.pow(pressure_pa / STANDARD_PA, GAS_CONSTANT * _LAPSE_K_PER_M / G0_MPS2)
+        return _SEA_LEVEL_K / _LAPSE_K_PER_M * (1.0 - ratio)
+    return _TROPOPAUSE_M + GAS_CONSTANT * _TROPOPAUSE_K / G0_MPS2 * math.log(_TROPOPAUSE_PA / pressure_pa)
+
+
+def standard_k(altitude_m: float) -> float:
+    """Temperature of the standard atmosphere at a geometric altitude."""
+    return _SEA_LEVEL_K - _LAPSE_K_PER_M * min(geopotential_m(altitude_m), _TROPOPAUSE_M)
 
 
 def saturation_pa(temperature_k: Array) -> Array:
@@ -82,7 +98,7 @@ class Column:
         temperature: Array = self._standard_k + self._profile_k + offset_k
         virtual = temperature
         if self._humidity:
-            vapour = self._moist * saturation_pa(temperature) / 101_325.0
+            vapour = self._moist * saturation_pa(temperature) / STANDARD_PA
             for _ in range(_ROUNDS):  # the vapour's share needs the pressure: that of the last solution is a good start
                 virtual = temperature / (1.0 - 0.378 * vapour * np.exp(-self._log_ratios))
                 before, self._log_ratios = self._log_ratios, self._integrate(virtual)

@@ -17,7 +17,7 @@ from sim.aircraft import Aircraft
 from sim.flight import Flight
 from sim.scenario import Scenario
 from sim.weather import Weather, WeatherConfig
-from sim.weather.column import G0_MPS2, Column, geopotential_m
+from sim.weather.column import G0_MPS2, Column, geopotential_m, pressure_altitude_m, standard_k
 from sim.weather.fields import Diurnal, Front, Gradient, Gust, MountainWave, Place, Wind
 from sim.weather.metar import parse
 
@@ -238,6 +238,42 @@ def test_a_wave_changes_the_static_pressure_by_what_it_says() -> None:
     )
     assert before_pa - still == pytest.approx(expected.local_pa, abs=0.6)  # JSBSim's own day is 1013.2554 hPa
     assert weather.now.sea_level_pa == 101_325.0  # the truth's column is without it
+
+
+# What the truth says of the air
+
+
+@pytest.mark.parametrize("altitude_m", [0.0, 1500.0, 8000.0, 10_950.0, 11_050.0, 13_000.0])
+def test_pressure_altitude_is_where_the_standard_day_has_that_pressure(altitude_m: float) -> None:
+    aircraft = Aircraft(field_elevation_m=altitude_m)
+    aircraft.set_air(SEA_LEVEL_PA, 0.0)
+    aircraft.advance(1)
+    expected_m = geopotential_m(aircraft.position()[2])
+    assert pressure_altitude_m(aircraft.air()[0]) == pytest.approx(expected_m, abs=0.1)
+    assert aircraft.air()[1] == pytest.approx(standard_k(aircraft.position()[2]), abs=0.001)
+
+
+@pytest.mark.parametrize(
+    "weather",
+    [
+        {"pressure": [{"time_s": 0, "sea_level_hpa": 998}], "temperature": [{"time_s": 0, "offset_k": -18}]},
+        {"profile": [{"altitude_amsl_m": 0, "offset_k": -15}, {"altitude_amsl_m": 900, "offset_k": 6}]},
+        {"relative_humidity": 0.9, "temperature": [{"time_s": 0, "offset_k": 15}]},
+        {"front": {"distance_m": 0, "trough_hpa": 4}},
+    ],
+)
+def test_an_altimeter_set_to_the_true_qnh_shows_the_field_s_elevation(weather: dict[str, Any]) -> None:
+    aircraft = Aircraft(field_elevation_m=800.0)
+    air = Weather(config(**weather), aircraft)
+    aircraft.advance(1)
+    truth = aircraft.truth()
+    told = air.truth(truth)
+    shown_m = 288.15 / 0.0065 * (1.0 - (truth.pressure_pa / told.qnh_pa) ** 0.190263)
+    assert shown_m == pytest.approx(geopotential_m(truth.altitude_amsl_m), abs=0.3)  # the wheels are 1.3 m lower
+    assert told.offset_k == pytest.approx(truth.temperature_k - 288.15 + 0.0065 * truth.altitude_amsl_m, abs=0.01)
+    assert told.sea_level_pa == air.now.sea_level_pa
+    # And of all that a pressure altitude knows nothing: it is that altimeter's at 1013.25 hPa.
+    assert pressure_altitude_m(truth.pressure_pa * SEA_LEVEL_PA / told.qnh_pa) == pytest.approx(shown_m, abs=0.1)
 
 
 # METARs

@@ -164,8 +164,7 @@ def test_ardupilot_has_highres_imu_for_who_asks() -> None:
 
 def test_ardupilot_has_room_for_ten_intervals() -> None:
     bench = as_("ardupilot")
-    messages = list(FLAVOURS["ardupilot"].messages)
-    assert len(messages) == 11
+    messages = list(FLAVOURS["ardupilot"].messages)[:11]
     for step, message_id in enumerate(messages):
         assert bench.answer(SET_INTERVAL, message_id, 100_000 + 10_000 * step)[0].result == ACCEPTED
     _, others = bench.answer(GET_INTERVAL, messages[-1])
@@ -235,6 +234,35 @@ def test_a_ping_comes_back_except_from_ardupilot(flavour: str) -> None:
     answer = [(123, 7, 255, 190)] if flavour != "ardupilot" else []
     assert [(ping.time_usec, ping.seq, ping.target_system, ping.target_component) for ping in pings] == answer
     assert after(bench, mavlink.MAVLink_ping_message(123, 7, 255, 190), "PING") == []  # somebody's answer
+
+
+@ALL
+def test_the_truth_of_the_air_goes_to_logs_and_to_who_asks(flavour: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.tlog"
+    weather = {
+        "pressure": [{"time_s": 0, "sea_level_hpa": 1000}], "temperature": [{"time_s": 0, "offset_k": 10}],
+        "wind": {"speed_mps": 5, "from_deg": 180},
+    }  # fmt: skip
+    bench = as_(flavour, tlog=path, scenario={"weather": weather})
+    bench.fly(3.0)
+    assert bench.client.messages("DEBUG_FLOAT_ARRAY") == []
+    ack, others = bench.answer(REQUEST, mavlink.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY)
+    assert ack.result == ACCEPTED
+    (told,) = [message for message in others if message.get_type() == "DEBUG_FLOAT_ARRAY"]
+    truth = bench.flight.vehicle.state.truth
+    assert truth is not None
+    assert (told.name, told.time_usec) == ("trueAir", truth.time_us)
+    qnh_hpa, sea_level_hpa, offset_k, pressure_altitude_m, *wind_mps = told.data[:7]
+    assert sea_level_hpa == pytest.approx(1000.0, abs=1e-3)
+    assert qnh_hpa == pytest.approx(1001.2, abs=0.1)  # 300 m of air 3.5 % lighter than standard
+    assert offset_k == pytest.approx(10.0, abs=0.01)
+    assert pressure_altitude_m == pytest.approx(truth.altitude_amsl_m + 8.4 * (1013.25 - 1001.2), abs=2.0)
+    assert wind_mps == pytest.approx([5.0, 0.0, 0.0], abs=1e-6)
+    bench.flight.stop()
+    bench.flight.run()
+    decoder = Decoder()
+    logged = [frame.message_id for packet in TlogReader(path) for frame in decoder.feed(packet.data)]
+    assert logged.count(mavlink.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY) == 4
 
 
 # Parameters

@@ -2,8 +2,9 @@
 
 The same primary IMU may be sent as HIGHRES_IMU, SCALED_IMU and RAW_IMU. The first of these that was accepted within
 two seconds is used. RAW_IMU is in mG from ArduPilot (whatever the XML says), in mm/s2 from others by custom; of a
-generic autopilot, the scale that fits gravity. A source is accepted while the median of its specific force over ten
-seconds is near 1 g, so that wrong units or a broken accelerometer never reach an estimator.
+generic autopilot, the scale that fits gravity. A source is accepted once the median of its specific force over ten
+seconds is near 1 g, and for as long as that stays what a vehicle can bear, so that wrong units or a dead accelerometer
+never reach an estimator.
 """
 
 import math
@@ -25,6 +26,8 @@ SOURCE_TIMEOUT_US = 2_000_000
 GRAVITY_WINDOW_US = 10_000_000
 GRAVITY_SPACING_US = 100_000
 LOWEST_G, HIGHEST_G = 0.8, 1.25
+LOWEST_BORNE_G, HIGHEST_BORNE_G = 0.2, 8.0
+"""for seconds on end: a turn at 45 degrees of bank feels 1.4 g, a fighter on its runway 1.6"""
 RAW_SCALES = {
     mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: MILLI_G,
     mavlink.MAV_AUTOPILOT_PX4: MILLI_MPS2,
@@ -32,7 +35,7 @@ RAW_SCALES = {
 
 
 class GravityCheck:
-    """Whether the median |specific force| of the last ten seconds is about 1 g (sampled at 10 Hz)."""
+    """Whether the median |specific force| of ten seconds (sampled at 10 Hz) has been about 1 g, and is bearable now."""
 
     def __init__(self) -> None:
         self._window: deque[tuple[int, float]] = deque()
@@ -45,11 +48,13 @@ class GravityCheck:
         window = self._window
         if window and time_us < window[-1][0] - SOURCE_TIMEOUT_US:
             window.clear()
+            self._plausible = False
         if not window or time_us - window[-1][0] >= GRAVITY_SPACING_US:
             window.append((time_us, force_mps2))
             while time_us - window[0][0] > GRAVITY_WINDOW_US:
                 window.popleft()
-            self._plausible = LOWEST_G * G0_MPS2 <= median(force for _, force in window) <= HIGHEST_G * G0_MPS2
+            lowest_g, highest_g = (LOWEST_BORNE_G, HIGHEST_BORNE_G) if self._plausible else (LOWEST_G, HIGHEST_G)
+            self._plausible = lowest_g * G0_MPS2 <= median(force for _, force in window) <= highest_g * G0_MPS2
         return self._plausible
 
 

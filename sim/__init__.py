@@ -22,6 +22,7 @@ Modules
 ``aircraft``        JSBSim: the only file with its property names and US units
 ``autopilot``       take-off, climb on airspeed, altitude hold, descent on vertical speed, flare
 ``gains``           speeds and loop gains, one set an aircraft
+``stall``           ends a flight whose wing no longer carries
 ``approach``        centre line, glide path, flare, roll-out
 ``weather``         pressure, temperature and wind over place and time; layers of air; METARs
 ``sensors``         barometer, GNSS receiver, IMU: one random stream each

@@ -42,16 +42,19 @@ class Model:
     jsbsim_name: str
     rest_height_m: float
     """of the centre of gravity above the runway, on its wheels"""
+    stall_rad: float
+    """angle of attack of the greatest lift"""
     engines: int = 1
     """without one, it cannot take off: its flights start aloft"""
 
 
-# Heights at rest: geod-alt-ft less the terrain after a minute on the wheels, brakes on, engines idling.
+# Heights at rest: geod-alt-ft less the terrain after a minute on the wheels, brakes on, engines idling. Stall angles:
+# where the lift over alpha in the model's file is greatest, flaps in and elevator neutral; a test reads it there.
 MODELS = {
-    "c172p": Model("c172p", rest_height_m=1.3274),
-    "737": Model("737", rest_height_m=1.1247, engines=2),
-    "f16": Model("f16", rest_height_m=1.6602),
-    "sgs126": Model("sgs126", rest_height_m=0.386, engines=0),
+    "c172p": Model("c172p", rest_height_m=1.3274, stall_rad=0.28),
+    "737": Model("737", rest_height_m=1.1247, stall_rad=0.23, engines=2),
+    "f16": Model("f16", rest_height_m=1.6602, stall_rad=0.611),
+    "sgs126": Model("sgs126", rest_height_m=0.386, stall_rad=0.21, engines=0),
 }
 
 
@@ -125,6 +128,8 @@ class Aircraft:
         self._ground_m = field_elevation_m
         self._column: Callable[[float], tuple[float, float, float]] | None = None
         self._rest_height_m = MODELS[model].rest_height_m
+        self.stall_rad = MODELS[model].stall_rad
+        """angle of attack of the greatest lift"""
         self._aloft = aloft
         self._time_us = 0
         self._step_us = 1_000_000 // STEP_HZ
@@ -175,6 +180,7 @@ class Aircraft:
         self._column_height = reader("position/h-sl-ft")  # what JSBSim's own air goes by: 3 cm from geodetic at 5 km
         self._air = tuple(reader(f"atmosphere/{n}") for n in ("P-psf", "T-R"))
         self._flow = tuple(reader(n) for n in ("aero/qbar-psf", "aero/beta-rad", "position/geod-alt-ft"))
+        self.angle_of_attack_rad = reader("aero/alpha-rad")
         self._airspeed_kt = reader("velocities/vc-kts")
         self._weight_on_wheels = reader("gear/wow")
         self._stick = tuple(writer(f"fcs/{n}-cmd-norm") for n in ("elevator", "aileron", "rudder"))

@@ -33,6 +33,7 @@ from sim.scenario import Scenario
 from sim.sensors.barometer import Barometer
 from sim.sensors.gnss import Fix, GnssReceiver
 from sim.sensors.imu import Imu
+from sim.stall import StallWatch
 from sim.vehicle import Heard, Vehicle
 from sim.weather import Weather
 
@@ -46,6 +47,8 @@ _READS_PER_TICK = 32
 _REPORT_US = 1_000_000
 _AIRBORNE = (Mode.AIRSPEED, Mode.ALTITUDE, Mode.APPROACH)
 """modes that have nothing to do on the ground"""
+_NEAR_THE_GROUND = (Mode.PARKED, Mode.FLARE, Mode.ROLL_OUT)
+"""modes in which the lift may end: that is what they are for"""
 
 
 @dataclass(frozen=True)
@@ -166,6 +169,7 @@ class Flight:
         self.profile = Profile(
             scenario.profile, self.autopilot.gains, place, None if aloft is None else aloft.altitude_amsl_m
         )
+        self._stall = StallWatch(self.aircraft)
         self.weather = Weather(scenario.weather, self.aircraft)
         self.aircraft.settle()
 
@@ -273,6 +277,8 @@ class Flight:
             self.vehicle.arm(target.mode is not Mode.PARKED)
         if self.profile.leg is not before:
             self.vehicle.say(f"Mission: {self.profile.describe()}")
+        if target.mode not in _NEAR_THE_GROUND:
+            self._stall.check(truth, self.profile.leg, self.profile.describe())
         if target.mode in _AIRBORNE and truth.on_ground:
             raise SimulationError(
                 f"at {truth.time_us / 1e6:.2f} s the aircraft hit the ground during '{self.profile.describe()}', "

@@ -5,14 +5,14 @@ Defaults, and where they come from:
 - white noise 2.4 Pa (0.2 m): MS5611-01BA03 data sheet, resolution 1.2 Pa RMS at OSR 4096 and 2.7 Pa at OSR 1024;
 - slow wander 5 Pa over 300 s: quiet real barometers of data/real show 0.05-0.13 m over 1 s, and metres over
   ten minutes, of which the weather is simulated separately;
-- turn-on bias sd 50 Pa: MS5611, absolute accuracy +-150 Pa from 450 to 1100 hPa, read as three sigma;
+- turn-on bias sd 50 Pa: MS5611, accuracy +-150 Pa at 25 C and 750 hPa, read as three sigma;
 - lag 0.1 s: pneumatic lag of a short static line (0.05-0.2 s);
 - die 20 K above the air once warm, after minutes: measured boards run 10-30 K above (data/real: 26 to 38 C).
 
 The rest is off unless asked for:
 
 - thermal drift: data/real, +1.5 Pa/K (a board from 26 to 38 C fell 1.5 m) and -1.8 Pa/K (37.8 to 43.8 C rose 0.9 m), so
-  its sign is the specimen's; BMP388 and DPS310 data sheets 0.75 and 0.5 Pa/K;
+  its sign is the specimen's; BMP388 and DPS310 data sheets +-0.75 and 0.5 Pa/K;
 - static port error in parts of the dynamic pressure: 14 CFR 23.1325(e) allows 30 ft at 100 kt, which is 0.068;
 - suction of a sideslip, in parts of the dynamic pressure times sin^2: a flush port on one side of a cylinder feels
   1 - 4 sin^2 at its flank (potential flow), two joined ports on both sides about a tenth of that;
@@ -38,20 +38,25 @@ Coefficient = Annotated[float, Field(ge=-2.0, le=2.0)]
 REFERENCE_K = 298.15
 """die temperature of the manufacturer's calibration: no thermal error there"""
 
+# A limit of a data sheet (min, max) is read as three standard deviations, a typical value as one. [c] was found again
+# in a copy of the sheet, or with somebody who quotes it; the rest is as its first reader noted it. No sheet tells how
+# an error wanders in minutes: wander_sd_pa is assumed throughout.
 PRESETS: Mapping[str, Mapping[str, Any]] = {
-    # TE MS5611-01BA03 data sheet: 2.7 Pa RMS at OSR 1024 (ArduPilot's), output in 1 Pa; error band +-150 Pa at 25 C and
-    # +-250 Pa over temperature: 100 Pa more over 60 K, as three sigma .6; real boards (above) have 1.5-1.8 Pa/K.
+    # TE Connectivity, MS5611-01BA03 data sheet, "Performance specifications": 0.027 mbar RMS at oversampling 1024,
+    # ArduPilot's [c]; +-1.5 mbar at 25 C and 750 mbar [c], +-2.5 mbar from -20 to 85 C [c], which leaves 100 Pa over 60
+    # K, 0.6 Pa/K; but real boards (above) have 1.5-1.8, and that counts here. Output in 0.01 mbar.
     "MS5611": {"white_sd_pa": 2.7, "bias_sd_pa": 50.0, "quantum_pa": 1.0, "thermal_sd_pa_per_k": 1.6},
-    # Bosch BST-BMP388-DS001: 0.9 Pa RMS at oversampling 8 and filter 3 (table 8), that filter's delay of 3 samples at
-    # 50 Hz in the lag, +-50 Pa absolute (typical), +-0.75 Pa/K, 0.016 Pa resolution. The wander is assumed.
+    # Bosch, BST-BMP388-DS001 rev. 1.7: 0.9 Pa RMS at oversampling 8 and filter coefficient 3 (table 8) [c]; that
+    # filter's delay, 3 samples at 50 Hz, is in the lag; +-50 Pa absolute, typical [c]; +-0.75 Pa/K, typical (table 2)
+    # [c]; 0.016 Pa resolution [c].
     "BMP388": {
         "white_sd_pa": 0.9, "bias_sd_pa": 50.0, "quantum_pa": 0.016, "thermal_sd_pa_per_k": 0.75, "lag_s": 0.16,
         "wander_sd_pa": 2.0,
     },
-    # Infineon DPS310 data sheet: 0.5 Pa (0.005 hPa) precision, +-1 hPa absolute, 0.5 Pa/K, 0.06 Pa resolution.
-    # The wander is assumed.
+    # Infineon, DPS310 data sheet v1.2: 0.35 Pa RMS at oversampling 16 (table 16) [c], which ArduPilot's driver sets;
+    # +-1 hPa absolute [c]; 0.5 Pa/K [c]; 0.06 Pa resolution.
     "DPS310": {
-        "white_sd_pa": 0.5, "bias_sd_pa": 50.0, "quantum_pa": 0.06, "thermal_sd_pa_per_k": 0.5, "wander_sd_pa": 2.0,
+        "white_sd_pa": 0.35, "bias_sd_pa": 33.0, "quantum_pa": 0.06, "thermal_sd_pa_per_k": 0.5, "wander_sd_pa": 2.0,
     },
 }  # fmt: skip
 

@@ -31,16 +31,19 @@ Metres = Annotated[float, Field(ge=0.0, le=1000.0)]
 
 _EARTH_M_PER_DEG = 111_319.49  # of latitude; enough for an error of metres
 
+# [c] was found again in a copy of the data sheet, or with somebody who quotes it.
 PRESETS: Mapping[str, Mapping[str, Any]] = {
-    # UBX-15031086: 2.5 m CEP is 2.12 m an axis, height twice that; 0.05 m/s at 50 % is 0.042 m/s an axis; 26 s from
-    # cold. White part of data/real.
+    # u-blox, NEO-M8 data sheet UBX-15031086: 2.5 m CEP [c], which is 2.12 m an axis (CEP / 1.177), height twice that,
+    # as the sheet has none; 0.05 m/s at 50 % [c], 0.042 m/s an axis for two and 0.074 for one; 26 s from cold [c]. The
+    # white part is that of data/real; the latency is inside the 0.05-0.25 s that ArduPilot measured.
     "u-blox M8": {
         "height_white_sd_m": 0.15, "height_wander_sd_m": 4.2, "horizontal_white_sd_m": 0.1,
         "horizontal_wander_sd_m": 2.1, "velocity_sd_mps": 0.05, "first_fix_s": 26.0, "latency_s": 0.15,
         "latency_jitter_s": 0.02,
     },
-    # UBX-17051259: RTK 0.01 m + 1 ppm CEP (0.0085 m an axis) and as much in height (median; 0.015 m), 24 s from cold.
-    # That the errors live for a minute is assumed.
+    # u-blox, ZED-F9P data sheet UBX-17051259: RTK 0.01 m + 1 ppm CEP [c], 0.0085 m an axis, and as much in height at 50
+    # % [c], 0.015 m, both on a baseline so short that the ppm do not count (1 mm a kilometre); 0.05 m/s [c]; 24 s from
+    # cold [c]. That the errors live for a minute is assumed, and so is the latency.
     "F9P RTK": {
         "height_white_sd_m": 0.005, "height_wander_sd_m": 0.015, "horizontal_white_sd_m": 0.004,
         "horizontal_wander_sd_m": 0.0085, "wander_time_s": 60.0, "velocity_sd_mps": 0.05, "first_fix_s": 24.0,

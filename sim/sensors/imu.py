@@ -29,19 +29,22 @@ Range = Annotated[float, Field(gt=0.0, le=1e4)]
 _DEG = math.radians(1.0)
 _MG = 1e-3 * G0_MPS2
 
+# [c] was found again in a copy of the data sheet, or with somebody who quotes it.
 PRESETS: Mapping[str, Mapping[str, Any]] = {
-    # InvenSense DS-000176, typical or a third of the largest: noise 100 ug and 0.004 deg/s per root Hz; zero offsets
-    # 25 mg and 1 deg/s; 0.5 mg/K and 0.01 deg/s/K; scale 1 %, cross axes 1 %. The walks are not in it: assumed, what
-    # Allan plots of such chips show (bias instability near 0.05 mg and 5 deg/h).
+    # InvenSense, ICM-20602 data sheet DS-000176: noise 100 ug and 0.004 deg/s per root Hz [c]; scale +-1 % [c]; zero
+    # offsets +-25 mg and +-1 deg/s, +-0.5 mg/K and +-0.01 deg/s/K, cross axes +-1 %, which could not be held against a
+    # second copy: a third of each. The walks are not in it: assumed, what Allan plots of such chips show (bias
+    # instability near 0.05 mg and 5 deg/h).
     "ICM-20602": {
         "accel_noise_mps2_rthz": 0.1 * _MG, "accel_bias_sd_mps2": 8.3 * _MG, "accel_walk_mps2_rts": 5e-5,
         "gyro_noise_radps_rthz": 0.004 * _DEG, "gyro_bias_sd_radps": 0.33 * _DEG, "gyro_walk_radps_rts": 2e-6,
         "accel_thermal_sd_mps2_per_k": 0.17 * _MG, "gyro_thermal_sd_radps_per_k": 0.0033 * _DEG,
         "scale_sd": 0.0033, "misalignment_sd_rad": 0.0033, "warming_k": 20.0,
     },
-    # Analog Devices ADIS16495-1: 0.09 deg/sqrt(h), 0.8 deg/h and 3.2 ug in run, axes within 0.05 deg, +-8 g, 125 deg/s;
-    # 0.008 m/s/sqrt(h). A walk K gives the Allan minimum 0.664 B with noise N at K = 0.866 (0.664 B)^2 / N. What is
-    # left of the biases after it was calibrated on the ground is assumed: 0.1 mg, 5 deg/h.
+    # Analog Devices, ADIS16495 data sheet rev. C, the -1: 0.09 deg/sqrt(h), 0.8 deg/h and 3.2 ug in run, axes within
+    # 0.05 deg, +-8 g, 125 deg/s [c]; 0.008 m/s/sqrt(h), not held against a second copy. A walk K gives the Allan
+    # minimum 0.664 B with noise N at K = 0.866 (0.664 B)^2 / N. What is left of the biases after it was calibrated on
+    # the ground is assumed: 0.1 mg, 5 deg/h.
     "tactical": {
         "accel_noise_mps2_rthz": 0.008 / 60.0, "accel_bias_sd_mps2": 0.1 * _MG, "accel_walk_mps2_rts": 2.8e-6,
         "gyro_noise_radps_rthz": 0.09 / 60.0 * _DEG, "gyro_bias_sd_radps": 5.0 / 3600.0 * _DEG,

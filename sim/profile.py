@@ -38,6 +38,7 @@ class Wait(Settings):
 
     leg: Literal["wait"]
     duration_s: Duration
+    """of the leg"""
 
 
 class TakeOff(Settings):
@@ -45,6 +46,7 @@ class TakeOff(Settings):
 
     leg: Literal["take_off"]
     height_m: Annotated[float, Field(ge=15.0, le=1000.0)] = 100.0
+    """above the runway, at which the leg is over"""
 
 
 class Climb(Flown):
@@ -52,7 +54,9 @@ class Climb(Flown):
 
     leg: Literal["climb"]
     altitude_amsl_m: Altitude
+    """at which the leg is over, within 4 m"""
     rate_mps: Rate | None = None
+    """vertical speed; None is full power at the airspeed"""
 
 
 class Hold(Flown):
@@ -60,6 +64,7 @@ class Hold(Flown):
 
     leg: Literal["hold"]
     duration_s: Duration
+    """of the leg"""
 
 
 class Descend(Flown):
@@ -67,7 +72,9 @@ class Descend(Flown):
 
     leg: Literal["descend"]
     altitude_amsl_m: Altitude
+    """at which the leg is over, within 4 m"""
     rate_mps: Rate = 3.0
+    """vertical speed, down"""
 
 
 class Glide(Flown):
@@ -75,6 +82,7 @@ class Glide(Flown):
 
     leg: Literal["glide"]
     altitude_amsl_m: Altitude
+    """below which the leg is over"""
 
 
 class Land(Settings):
@@ -84,7 +92,9 @@ class Land(Settings):
 
     leg: Literal["land"]
     glide_deg: Annotated[float, Field(ge=2.0, le=8.0)] = 3.0
+    """slope of the glide path"""
     touch_and_go: bool = False
+    """take off again after four seconds on the wheels"""
 
 
 Leg = Annotated[Wait | TakeOff | Climb | Hold | Descend | Glide | Land, Field(discriminator="leg")]

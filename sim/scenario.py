@@ -38,15 +38,20 @@ class Runway(Settings):
     """Where the flight begins."""
 
     latitude_deg: Annotated[float, Field(ge=-89.0, le=89.0)] = 47.0
+    """of the threshold, geodetic, north positive"""
     longitude_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = 8.0
+    """of the threshold, east positive"""
     elevation_m: Annotated[float, Field(ge=-400.0, le=5000.0)] = 300.0
+    """above mean sea level; the ground everywhere"""
     heading_deg: Annotated[float, Field(ge=0.0, lt=360.0)] = 90.0
+    """true, in the direction of take-off and landing"""
 
 
 class Aloft(Settings):
     """A flight that begins in the air above the runway, engines running."""
 
     altitude_amsl_m: Altitude
+    """at which it begins, above mean sea level"""
     airspeed_mps: Airspeed | None = None
     """calibrated; None is the aircraft's cruise"""
 
@@ -55,19 +60,24 @@ class Scenario(Settings):
     """One flight. Everything but its name, summary and profile has a default."""
 
     name: Annotated[str, Field(min_length=1, max_length=60, pattern=r"^[a-z0-9][a-z0-9-]*$")]
+    """by which it is called, and its log and pictures; small letters, digits and hyphens"""
     summary: Annotated[str, Field(min_length=1, max_length=200)]
+    """what is flown, in a sentence"""
     expected: str = ""
     """what the flight should show"""
     aircraft: str = "c172p"
+    """c172p (trainer), 737 (airliner), f16 (fighter), sgs126 (glider)"""
     flavour: FlavourName = "ardupilot"
     """whose autopilot it looks like to MAVLink clients"""
     seed: Annotated[int, Field(ge=0, le=2**31 - 1)] = 1
+    """of all that is random: the same seed, the same bytes"""
     limit_s: Annotated[float, Field(gt=0.0, le=200_000.0)] = 7200.0
     """a flight that lasts longer has gone wrong"""
     runway: Runway = Runway()
     aloft: Aloft | None = None
     """for aircraft without an engine, and whoever has no use for a take-off"""
     profile: Annotated[tuple[Leg, ...], Field(min_length=1)]
+    """the legs, in the order in which they are flown"""
     weather: WeatherConfig = WeatherConfig()
     sensors: Sensors = Sensors()
     streams_hz: dict[str, Annotated[float, Field(ge=0.0, le=50.0)]] = Field(default_factory=dict)

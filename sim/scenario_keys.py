@@ -62,13 +62,13 @@ def _rows(model: type[BaseModel], prefix: str) -> Iterator[Row]:
                 )
             yield from _rows(models[0], f"{key}.")
         elif models:
-            yield key, _default(field), "", "see below", field.description or ""
+            yield key, _default(field), "", "see below", _meaning(field)
         else:
             yield _row(key, field)
 
 
 def _row(key: str, field: FieldInfo) -> Row:
-    return key, _default(field), unit_of(key), allowed_of(field), " ".join((field.description or "").split())
+    return key, _default(field), unit_of(key), allowed_of(field), _meaning(field)
 
 
 def _default(field: FieldInfo) -> str:
@@ -93,6 +93,10 @@ def _common(models: list[type[BaseModel]]) -> Mapping[str, FieldInfo]:
 def _tag(name: str, field: FieldInfo) -> str:
     """What says which alternative it is: its name there."""
     return str(get_args(field.annotation)[0]) if name in ("leg", "fault") else ""
+
+
+def _meaning(field: FieldInfo) -> str:
+    return " ".join((field.description or "").split())
 
 
 def _said(model: type[BaseModel]) -> str:

@@ -25,6 +25,7 @@ class ClockJump(Fault):
 
     fault: Literal["clock_jump"] = "clock_jump"
     jump_s: Annotated[float, Field(ge=-1e6, le=1e6)] = 30.0
+    """by which the clock is ahead of the true one"""
 
     def effect(self, dice: Dice) -> Effect:
         return _Jump(round(self.jump_s * 1e6))

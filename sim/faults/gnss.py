@@ -75,6 +75,7 @@ class Jamming(ReceiverFault):
 
     fault: Literal["jamming"] = "jamming"
     duration_s: Span = 120.0
+    """from when it is first felt until it is gone"""
     ramp_s: Span = 30.0
     """how long it takes to come, and to go"""
     noise_m: Annotated[float, Field(ge=0.0, le=10_000.0)] = 30.0
@@ -111,8 +112,11 @@ class Spoofing(ReceiverFault):
 
     fault: Literal["spoofing"] = "spoofing"
     up_mps: Rate = 1.0
+    """how fast the height is led away"""
     north_mps: Rate = 0.0
+    """how fast the place is led north"""
     east_mps: Rate = 0.0
+    """how fast the place is led east"""
     limit_s: Span = 300.0
     """how long it is led away; then the error stays"""
 
@@ -169,6 +173,7 @@ class Slide(ReceiverFault):
 
     fault: Literal["slide"] = "slide"
     duration_s: Span = 60.0
+    """from the false first height to the true one"""
     height_m: Metres = 770.0
     """at the start: a real receiver slid from 1149 to 376 m while it stood on the ground"""
 

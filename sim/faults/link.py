@@ -129,6 +129,7 @@ class Delay(LinkFault):
 
     fault: Literal["delay"] = "delay"
     delay_s: Annotated[float, Field(ge=0.0, le=600.0)] = 1.0
+    """how much later every packet comes"""
     jitter_s: Annotated[float, Field(ge=0.0, le=600.0)] = 0.0
     """up to this much more, evenly spread"""
 

@@ -18,6 +18,7 @@ class Freeze(Fault):
 
     fault: Literal["freeze"] = "freeze"
     sensor: Literal["barometer", "gnss", "imu"] = "barometer"
+    """whose readings"""
 
     @property
     def harms(self) -> Sensor:
@@ -49,7 +50,9 @@ class Lag(Fault):
 
     fault: Literal["lag"] = "lag"
     sensor: Literal["barometer", "gnss", "imu"] = "barometer"
+    """whose readings"""
     lag_s: Annotated[float, Field(gt=0.0, le=60.0)] = 0.15
+    """how old the readings are"""
 
     @property
     def harms(self) -> Sensor:

@@ -153,6 +153,7 @@ class Swing(ValueFault):
     size: Size
     """amplitude in the quantity's unit"""
     period_s: Annotated[float, Field(gt=0.0, le=1e6)] = 60.0
+    """of one swing, there and back"""
 
     def effect(self, dice: Dice) -> Effect:
         target, rate_radps = self.target, math.tau / self.period_s
@@ -213,6 +214,7 @@ class SwappedUnits(Fault):
 
     fault: Literal["swapped_units"] = "swapped_units"
     swap: Literal["pascal", "half_pressure", "feet", "metres_for_millimetres", "degrees", "mps2_for_g"] = "pascal"
+    """Pa for hPa, half the pressure, feet for metres, metres for millimetres, degrees for radians, or m/s2 for mG"""
 
     @property
     def harms(self) -> Sensor:

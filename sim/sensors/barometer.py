@@ -69,13 +69,21 @@ class BarometerConfig(SensorConfig):
     rate_hz: Literal[1, 2, 4, 5, 10, 20, 25, 50] = 20
     """ArduPilot's drivers run at 10-20 Hz and repeat the value in between"""
     white_sd_pa: NonNegative = 2.4
+    """standard deviation of a reading's own error, the others' apart"""
     wander_sd_pa: NonNegative = 5.0
+    """standard deviation of the slow error, a first-order Gauss-Markov process"""
     wander_time_s: Positive = 300.0
+    """correlation time of the slow error"""
     bias_pa: Annotated[float, Field(ge=-60_000.0, le=60_000.0)] = 0.0
+    """constant error of every specimen"""
     bias_sd_pa: NonNegative = 50.0
+    """and from specimen to specimen: one number a seed"""
     lag_s: Annotated[float, Field(ge=0.0, le=10.0)] = 0.1
+    """time constant of the static line and the filter"""
     warming_k: Annotated[float, Field(ge=-50.0, le=60.0)] = 20.0
+    """by which the die is above the air once warm"""
     warming_time_s: Positive = 120.0
+    """time constant of its warming from boot on"""
     thermal_pa_per_k: Annotated[float, Field(ge=-100.0, le=100.0)] = 0.0
     """error for each kelvin of the die above 25 C"""
     thermal_sd_pa_per_k: NonNegative = 0.0

@@ -31,7 +31,7 @@ Metres = Annotated[float, Field(ge=0.0, le=1000.0)]
 
 _EARTH_M_PER_DEG = 111_319.49  # of latitude; enough for an error of metres
 
-# [c] was found again in a copy of the data sheet, or with somebody who quotes it.
+# [c] was found again in a copy of the data sheet, or with somebody who quotes it; the rest was not.
 PRESETS: Mapping[str, Mapping[str, Any]] = {
     # u-blox, NEO-M8 data sheet UBX-15031086: 2.5 m CEP [c], which is 2.12 m an axis (CEP / 1.177), height twice that,
     # as the sheet has none; 0.05 m/s at 50 % [c], 0.042 m/s an axis for two and 0.074 for one; 26 s from cold [c]. The
@@ -65,35 +65,49 @@ class GnssConfig(SensorConfig):
     PRESETS: ClassVar = PRESETS
 
     rate_hz: Literal[1, 2, 5, 10, 25] = 5
+    """fixes a second"""
     height_white_sd_m: Metres = 3.0
+    """standard deviation of a fix's own height error"""
     height_wander_sd_m: Metres = 3.0
+    """standard deviation of the slow height error, a first-order Gauss-Markov process"""
     horizontal_white_sd_m: Metres = 1.0
+    """the same of north and of east"""
     horizontal_wander_sd_m: Metres = 1.5
+    """the same of north and of east"""
     wander_time_s: Annotated[float, Field(gt=0.0, le=1e5)] = 300.0
+    """correlation time of the slow errors"""
     velocity_sd_mps: Annotated[float, Field(ge=0.0, le=100.0)] = 0.1
+    """of each axis; also what it says of it"""
     latency_s: Annotated[float, Field(ge=0.0, le=5.0)] = 0.11
+    """from the moment a fix is true for until it reaches the autopilot"""
     latency_jitter_s: Annotated[float, Field(ge=0.0, le=5.0)] = 0.0
     """more than that it comes late by the size of a normal number with this standard deviation"""
     stamp: Literal["arrival", "measurement"] = "arrival"
     """what GPS_RAW_INT.time_usec says: when the autopilot parsed the fix (as ArduPilot), or when it was true"""
     first_fix_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 8.0
+    """from boot to the first fix"""
     fix: Literal[3, 4, 5, 6] = 3
     """MAVLink's type of its fix: 3D, DGPS, RTK float, RTK fixed"""
     undulation_m: Annotated[float, Field(ge=-110.0, le=90.0)] = 47.6
     """geoid above ellipsoid; EGM96 at 47 N 8 E"""
     hdop: Annotated[float, Field(gt=0.0, le=50.0)] = 0.8
+    """dilution of precision it reports: eph"""
     vdop: Annotated[float, Field(gt=0.0, le=50.0)] = 1.3
+    """and epv"""
     satellites: Annotated[int, Field(ge=4, le=60)] = 14
+    """it reports to use"""
     accuracy: Literal["honest", "optimistic", "stuck"] = "honest"
     """what h_acc and v_acc are: its errors' standard deviations, a part of them, or always the same"""
     optimism: Annotated[float, Field(gt=0.0, le=1.0)] = 0.3
     """the part that an optimistic receiver admits"""
     stuck_accuracy_m: Metres = 1.0
+    """h_acc and v_acc of a receiver whose accuracy is stuck"""
     multipath_sd_m: Metres = 0.0
     """of the height on the ground"""
     multipath_height_m: Annotated[float, Field(gt=0.0, le=1000.0)] = 30.0
     """over which it falls to 1/e"""
     multipath_time_s: Annotated[float, Field(gt=0.0, le=1e4)] = 30.0
+    """correlation time"""
 
 
 class Fix(NamedTuple):

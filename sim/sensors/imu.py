@@ -29,12 +29,11 @@ Range = Annotated[float, Field(gt=0.0, le=1e4)]
 _DEG = math.radians(1.0)
 _MG = 1e-3 * G0_MPS2
 
-# [c] was found again in a copy of the data sheet, or with somebody who quotes it.
+# [c] was found again in a copy of the data sheet, or with somebody who quotes it; the rest was not.
 PRESETS: Mapping[str, Mapping[str, Any]] = {
     # InvenSense, ICM-20602 data sheet DS-000176: noise 100 ug and 0.004 deg/s per root Hz [c]; scale +-1 % [c]; zero
-    # offsets +-25 mg and +-1 deg/s, +-0.5 mg/K and +-0.01 deg/s/K, cross axes +-1 %, which could not be held against a
-    # second copy: a third of each. The walks are not in it: assumed, what Allan plots of such chips show (bias
-    # instability near 0.05 mg and 5 deg/h).
+    # offsets +-25 mg and +-1 deg/s, +-0.5 mg/K and +-0.01 deg/s/K, cross axes +-1 %: a third of each. The walks are not
+    # in it: assumed, what Allan plots of such chips show (bias instability near 0.05 mg and 5 deg/h).
     "ICM-20602": {
         "accel_noise_mps2_rthz": 0.1 * _MG, "accel_bias_sd_mps2": 8.3 * _MG, "accel_walk_mps2_rts": 5e-5,
         "gyro_noise_radps_rthz": 0.004 * _DEG, "gyro_bias_sd_radps": 0.33 * _DEG, "gyro_walk_radps_rts": 2e-6,
@@ -42,7 +41,7 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
         "scale_sd": 0.0033, "misalignment_sd_rad": 0.0033, "warming_k": 20.0,
     },
     # Analog Devices, ADIS16495 data sheet rev. C, the -1: 0.09 deg/sqrt(h), 0.8 deg/h and 3.2 ug in run, axes within
-    # 0.05 deg, +-8 g, 125 deg/s [c]; 0.008 m/s/sqrt(h), not held against a second copy. A walk K gives the Allan
+    # 0.05 deg, +-8 g, 125 deg/s [c]; 0.008 m/s/sqrt(h). A walk K gives the Allan
     # minimum 0.664 B with noise N at K = 0.866 (0.664 B)^2 / N. What is left of the biases after it was calibrated on
     # the ground is assumed: 0.1 mg, 5 deg/h.
     "tactical": {
@@ -60,25 +59,35 @@ class ImuConfig(SensorConfig):
     PRESETS: ClassVar = PRESETS
 
     rate_hz: Literal[1, 2, 5, 10, 25, 50] = 50
+    """samples a second; each is the mean since the one before"""
     accel_noise_mps2_rthz: Small = 0.02
+    """white noise of each accelerometer"""
     accel_bias_sd_mps2: Small = 0.1
+    """of the bias at boot, of each axis"""
     accel_walk_mps2_rts: Small = 3e-4
     """bias random walk, m/s2 per root second: 0.01 m/s2 in twenty minutes"""
     gyro_noise_radps_rthz: Small = 5e-4
+    """white noise of each gyro"""
     gyro_bias_sd_radps: Small = 0.01
+    """of the bias at boot, of each axis"""
     gyro_walk_radps_rts: Small = 1e-5
+    """random walk of the bias"""
     accel_thermal_sd_mps2_per_k: Small = 0.0
     """bias for each kelvin that the die is below its final temperature"""
     gyro_thermal_sd_radps_per_k: Small = 0.0
+    """bias for each kelvin that the die is below its final temperature"""
     scale_sd: Annotated[float, Field(ge=0.0, le=0.2)] = 0.0
     """of each axis, accelerometers and gyros alike, in parts of one"""
     misalignment_sd_rad: Annotated[float, Field(ge=0.0, le=0.2)] = 0.0
     """of each axis towards each other"""
     accel_range_mps2: Range = 16.0 * G0_MPS2
+    """beyond which it reads the end of its range"""
     gyro_range_radps: Range = 2000.0 * _DEG
+    """beyond which it reads the end of its range"""
     vibration_mps2: Annotated[float, Field(ge=0.0, le=500.0)] = 0.0
     """peak, on each axis"""
     vibration_hz: Annotated[float, Field(gt=0.0, le=2000.0)] = 80.0
+    """frequency of the vibration, the engine's firing"""
     vibration_spread_hz: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
     """standard deviation of that frequency, which wanders over two seconds"""
     averaged: bool = True
@@ -88,6 +97,7 @@ class ImuConfig(SensorConfig):
     warming_k: Annotated[float, Field(ge=0.0, le=80.0)] = 0.0
     """by which the die is colder at boot"""
     warming_time_s: Annotated[float, Field(gt=0.0, le=1e5)] = 120.0
+    """time constant of the die's warming from boot on"""
 
 
 class ImuSample(NamedTuple):

@@ -32,21 +32,27 @@ class PressurePoint(Settings):
     """Sea-level pressure at a time since boot; linear in between, constant before the first and after the last."""
 
     time_s: Time
+    """since boot"""
     sea_level_hpa: Annotated[float, Field(ge=850.0, le=1100.0)]
+    """of the column of air; it is the QNH on a standard day"""
 
 
 class TemperaturePoint(Settings):
     """Deviation of the whole column from the standard atmosphere's temperature at a time since boot."""
 
     time_s: Time
+    """since boot"""
     offset_k: Annotated[float, Field(ge=-60.0, le=45.0)]
+    """warmer than standard, at every height: the day called ISA + this"""
 
 
 class ProfilePoint(Settings):
     """Deviation from the standard atmosphere's temperature at an altitude; linear in between, constant outside."""
 
     altitude_amsl_m: Annotated[float, Field(ge=-500.0, le=20_000.0)]
+    """above mean sea level"""
     offset_k: Annotated[float, Field(ge=-60.0, le=45.0)]
+    """warmer than standard at that height"""
 
 
 class Turbulence(Settings):
@@ -59,6 +65,7 @@ class Turbulence(Settings):
     severity: Annotated[int, Field(ge=0, le=7)] = 0
     """0 none, 3 light, 4 moderate, 6 severe"""
     wind_at_6m_mps: Annotated[float, Field(ge=0.0, le=40.0)] = 0.0
+    """which makes the turbulence below 600 m AMSL; it does not blow"""
 
 
 class WeatherConfig(Settings):
@@ -69,6 +76,7 @@ class WeatherConfig(Settings):
     profile: tuple[ProfilePoint, ...] = ()
     """temperature over height: another lapse rate, an inversion"""
     relative_humidity: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
+    """of the whole troposphere, in parts of one; moist air is lighter"""
     wind: Wind = Wind()
     turbulence: Turbulence = Turbulence()
     front: Front | None = None

@@ -61,7 +61,9 @@ class Wind(Settings):
     """A steady wind, and the direction it comes from."""
 
     speed_mps: Annotated[float, Field(ge=0.0, le=60.0)] = 0.0
+    """the same at all heights"""
     from_deg: Direction = 0.0
+    """true direction that it comes from"""
 
     @property
     def vector_mps(self) -> tuple[float, float]:
@@ -77,17 +79,21 @@ class Front(Settings):
     """
 
     kind: Literal["cold", "warm"] = "cold"
+    """what is left out is that of its kind: width 8 or 40 km, trough 2 or 1 hPa, step +3 or -3 hPa and -8 or +6 K"""
     from_deg: Direction = 270.0
     """where it comes from, or lies"""
     distance_m: Distance = 30_000.0
     """from the runway, at boot"""
     speed_mps: Speed = 12.0
+    """of the line, towards the runway and beyond; 0 stands still, to be flown through"""
     width_m: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
+    """76 % of all changes come within this distance of the line, on both sides of it"""
     trough_hpa: Annotated[float, Field(ge=0.0, le=30.0)] | None = None
     """how much lower the pressure is along the line"""
     pressure_step_hpa: Annotated[float, Field(ge=-30.0, le=30.0)] | None = None
     """from before to behind it"""
     temperature_step_k: Annotated[float, Field(ge=-25.0, le=25.0)] | None = None
+    """of the whole column, from before to behind it"""
     wind_behind: Wind | None = None
     """without it, the wind stays"""
 
@@ -120,9 +126,11 @@ class Gradient(Settings):
     """A pressure that rises across the land, and the geostrophic wind that goes with it, less in the friction layer."""
 
     hpa_per_100km: Annotated[float, Field(ge=0.0, le=10.0)] = 1.5
+    """how fast the pressure rises"""
     towards_deg: Direction = 180.0
     """where the pressure is higher"""
     wind: bool = True
+    """whether the wind that balances it blows"""
 
     def at(self, place: Place) -> Change:
         slope = self.hpa_per_100km * 100.0 / 100_000.0
@@ -159,10 +167,15 @@ class Gust(Settings):
     """One discrete gust, (1 - cos) in time [CS 23.333 (c)]."""
 
     time_s: Time
+    """since boot, of its beginning"""
     duration_s: Annotated[float, Field(ge=0.5, le=600.0)] = 8.0
+    """from its beginning to its end"""
     speed_mps: Speed = 8.0
+    """horizontal, at its height in the middle"""
     from_deg: Direction = 0.0
+    """true direction that it comes from"""
     up_mps: Annotated[float, Field(ge=-15.0, le=15.0)] = 0.0
+    """updraught in the middle; negative is down"""
 
     def at(self, place: Place) -> Change:
         share = (place.time_s - self.time_s) / self.duration_s
@@ -190,6 +203,7 @@ class MountainWave(Settings):
     up_mps: Annotated[float, Field(ge=0.0, le=12.0)] = 3.0
     """amplitude"""
     wavelength_m: Annotated[float, Field(ge=2_000.0, le=100_000.0)] = 15_000.0
+    """from one updraught to the next"""
     along_deg: Direction = 90.0
     """across the ridge"""
     distance_m: Distance = 5_000.0

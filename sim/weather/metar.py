@@ -30,6 +30,7 @@ class Metar(Settings):
     """Reports of one station, in the order of their times; the first is the boot."""
 
     reports: Annotated[tuple[str, ...], Field(min_length=1, max_length=1000)]
+    """METAR lines; pressure, temperature and mean wind count, gusts and dew point do not"""
     hurry: Annotated[float, Field(ge=1.0, le=1000.0)] = 1.0
     """how many times as fast as in reality the day goes by"""
 

@@ -18,7 +18,7 @@ from sim.flight import Flight
 from sim.scenario import Scenario
 from sim.weather import Weather, WeatherConfig
 from sim.weather.column import G0_MPS2, Column, geopotential_m, pressure_altitude_m, standard_k
-from sim.weather.fields import Diurnal, Front, Gradient, Gust, MountainWave, Place, Wind
+from sim.weather.fields import FRONTS, Diurnal, Front, Gradient, Gust, MountainWave, Place, Wind
 from sim.weather.metar import parse
 
 GAS_CONSTANT = 287.0521
@@ -134,6 +134,17 @@ def test_a_cold_front_passes_over_time() -> None:
     assert offsets[50] == pytest.approx(-4.0)
     assert offsets[-1] == pytest.approx(-8.0, abs=0.01)
     assert all(after <= before for before, after in pairwise(offsets))
+
+
+def test_the_page_of_keys_tells_the_usual_fronts() -> None:
+    said = Front.model_fields["kind"].description
+    assert said is not None
+    for first, second, name, unit in ((8, 40, "width_m", 1e3), (2, 1, "trough_hpa", 1.0)):
+        assert f"{first} or {second} " in said
+        assert [front[name] / unit for front in FRONTS.values()] == [first, second]
+    assert "step +3 or -3 hPa and -8 or +6 K" in said
+    assert [front["pressure_step_hpa"] for front in FRONTS.values()] == [3.0, -3.0]
+    assert [front["temperature_step_k"] for front in FRONTS.values()] == [-8.0, 6.0]
 
 
 def test_a_standing_front_is_met_along_the_track() -> None:

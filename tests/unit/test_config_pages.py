@@ -21,6 +21,19 @@ def test_every_key_says_what_it_means() -> None:
     assert not silent
 
 
+def test_every_key_of_a_scenario_says_what_it_means() -> None:
+    rows = [line.split(" | ") for line in page().splitlines() if line.startswith("| `")]
+    assert len(rows) > 200
+    assert [cells[0] for cells in rows if not cells[-1].strip(" |")] == []
+
+
+def test_what_is_per_kelvin_is_no_kelvin() -> None:
+    units = {cells[0][3:-1]: cells[2] for line in page().splitlines() if len(cells := line.split(" | ")) > 4}
+    for name, unit in (("thermal_pa_per_k", "Pa/K"), ("acceleration_pa_per_g", "Pa/g"), ("lag_s", "s")):
+        assert units[f"sensors.barometer.{name}"] == unit
+    assert units["weather.gradient.hpa_per_100km"] == "hPa/100 km"
+
+
 def test_page_is_what_the_command_prints() -> None:
     page = (CONFIG / "README.md").read_text(encoding="utf-8")
     assert cli._keys_table() in page, "run `make config-page`"

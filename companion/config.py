@@ -138,6 +138,9 @@ def allowed_of(field: FieldInfo) -> str:
 
 
 def _choices(annotation: Any) -> str:
+    present = [kind for kind in get_args(annotation) if kind is not type(None)]
+    if get_origin(annotation) in (Union, UnionType) and len(present) == 1:  # something, or left out
+        return _choices(present[0])
     if get_origin(annotation) is Literal:
         return ", ".join(map(str, get_args(annotation)))
     return "true, false" if annotation is bool else ""

@@ -48,6 +48,8 @@ class Flavour:
     """so many different intervals a link; another one snaps to the nearest"""
     groups: bool = True
     """REQUEST_DATA_STREAM is obeyed"""
+    baro_hz: int = 20
+    """how often it takes a reading of its barometer: ArduPilot's vehicles call AP_Baro::update at 10 Hz"""
     timesync_us: int = 0
     """it asks for the time every so often; 0 never"""
     listing_slowdown: int = 1
@@ -87,6 +89,7 @@ ARDUPILOT = Flavour(
     shortest_us=12_500,
     step_us=1000,
     buckets=10,
+    baro_hz=10,
     timesync_us=10_000_000,
     listing_slowdown=4,
 )

@@ -129,9 +129,9 @@ class Flight:
         self._ways: list[Way] = []
         seed = self._seed = scenario.seed if seed is None else seed
         self._start_aircraft(seed)
-        self._start_sensors(seed)
-        self._writer = TlogWriter(tlog) if tlog is not None else None
         face = FLAVOURS[flavour or scenario.flavour]
+        self._start_sensors(seed, face.baro_hz)
+        self._writer = TlogWriter(tlog) if tlog is not None else None
         self.vehicle = Vehicle(
             OwnEstimate(scenario.sensors.estimate, seed, MOTION_US * 1e-6),
             self._record if self._writer else None,
@@ -173,9 +173,9 @@ class Flight:
         self.weather = Weather(scenario.weather, self.aircraft)
         self.aircraft.settle()
 
-    def _start_sensors(self, seed: int) -> None:
+    def _start_sensors(self, seed: int, baro_hz: int) -> None:
         sensors = self.scenario.sensors
-        self.barometer = Barometer(sensors.barometer, seed)
+        self.barometer = Barometer(sensors.barometer, seed, baro_hz)
         self.gnss = GnssReceiver(sensors.gnss, seed, self.scenario.runway.elevation_m)
         self.imu = Imu(sensors.imu, seed)
 

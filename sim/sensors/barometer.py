@@ -66,8 +66,9 @@ class BarometerConfig(SensorConfig):
 
     PRESETS: ClassVar = PRESETS
 
-    rate_hz: Literal[1, 2, 4, 5, 10, 20, 25, 50] = 20
-    """ArduPilot's drivers run at 10-20 Hz and repeat the value in between"""
+    rate_hz: Literal[1, 2, 4, 5, 10, 20, 25, 50] | None = None
+    """new readings a second; without it, as many as the autopilot takes: ArduPilot 10, others 20. Asked for more, PX4
+    waits for the next reading, and others repeat the last"""
     white_sd_pa: NonNegative = 2.4
     """standard deviation of a reading's own error, the others' apart"""
     wander_sd_pa: NonNegative = 5.0
@@ -111,13 +112,14 @@ class Pressure(NamedTuple):
 
 
 class Barometer:
-    """Samples the static pressure at ``config.rate_hz``."""
+    """Samples the static pressure at ``config.rate_hz``, or `usual_hz` where the configuration leaves that open."""
 
-    def __init__(self, config: BarometerConfig, seed: int) -> None:
+    def __init__(self, config: BarometerConfig, seed: int, usual_hz: int = 20) -> None:
         seed = seed if config.seed is None else config.seed
         self.config = config
-        self.period_us = 1_000_000 // config.rate_hz
-        dt_s = 1.0 / config.rate_hz
+        rate_hz = config.rate_hz or usual_hz
+        self.period_us = 1_000_000 // rate_hz
+        dt_s = 1.0 / rate_hz
         self._white: Iterator[float] = normals(seed, "barometer", "white")
         self._wander = GaussMarkov(
             config.wander_sd_pa, config.wander_time_s, dt_s, normals(seed, "barometer", "wander")

@@ -152,7 +152,7 @@ def payloads(path: Path) -> dict[str, list[bytes]]:
 @pytest.mark.parametrize(
     ("sensor", "changed"),
     [
-        ("barometer", {"SCALED_PRESSURE", "GLOBAL_POSITION_INT"}),  # its origin is a fix
+        ("barometer", {"SCALED_PRESSURE", "GLOBAL_POSITION_INT", "HOME_POSITION"}),  # the origin is of a height, too
         ("gnss", {"GPS_RAW_INT", "GLOBAL_POSITION_INT", "HOME_POSITION"}),
         ("imu", {"RAW_IMU"}),
         ("estimate", {"ATTITUDE", "GLOBAL_POSITION_INT"}),  # GLOBAL_POSITION_INT carries the heading

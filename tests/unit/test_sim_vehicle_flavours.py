@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from itertools import pairwise
+from itertools import groupby, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -234,6 +234,46 @@ def test_a_ping_comes_back_except_from_ardupilot(flavour: str) -> None:
     answer = [(123, 7, 255, 190)] if flavour != "ardupilot" else []
     assert [(ping.time_usec, ping.seq, ping.target_system, ping.target_component) for ping in pings] == answer
     assert after(bench, mavlink.MAVLink_ping_message(123, 7, 255, 190), "PING") == []  # somebody's answer
+
+
+@pytest.mark.parametrize(("flavour", "asked_hz", "new_hz"), [("ardupilot", 20, 10), ("px4", 20, 20), ("px4", 50, 20)])
+def test_the_barometer_is_as_old_as_the_real_one_s(flavour: str, asked_hz: int, new_hz: int) -> None:
+    """ArduPilot takes a reading at 10 Hz and sends it again under fresh stamps; PX4 sends a reading once."""
+    bench = as_(flavour)
+    bench.answer(SET_INTERVAL, mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE, 1e6 / asked_hz)
+    bench.fly(1.0)
+    bench.client.messages()
+    bench.fly(10.0)
+    samples = bench.client.messages("SCALED_PRESSURE")
+    assert len({sample.time_boot_ms for sample in samples}) == len(samples)
+    repeats = flavour == "ardupilot"
+    assert len(samples) == pytest.approx(10 * (asked_hz if repeats else new_hz), abs=2)
+    readings = groupby(sample.press_abs for sample in samples)
+    assert len(list(readings)) == pytest.approx(10 * new_hz, abs=3)  # two may be alike
+
+
+def test_a_scenario_s_barometer_is_as_quick_as_it_says() -> None:
+    bench = as_("ardupilot", all_streams=True, scenario={"sensors": {"barometer": {"rate_hz": 20}}})
+    bench.fly(10.0)
+    readings = groupby(sample.press_abs for sample in bench.client.messages("SCALED_PRESSURE"))
+    assert len(list(readings)) == pytest.approx(200, abs=3)
+
+
+@ALL
+def test_a_fix_is_as_old_as_the_real_ones(flavour: str) -> None:
+    bench = as_(
+        flavour, all_streams=True, scenario={"sensors": {"gnss": {"latency_s": 0.05, "latency_jitter_s": 0.06}}}
+    )
+    ages_s = []
+    for _ in range(3000):
+        bench.fly(0.01)
+        fix = bench.flight.vehicle.state.fix
+        for _ in bench.client.messages("GPS_RAW_INT"):
+            assert fix is not None
+            ages_s.append((bench.flight.time_us - fix.measured_us) * 1e-6)
+    assert 0.05 <= min(ages_s) < 0.07
+    assert 0.12 < max(ages_s) < 0.30
+    assert len({round(age, 2) for age in ages_s}) > 5
 
 
 @ALL

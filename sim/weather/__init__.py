@@ -19,13 +19,15 @@ from companion.config import Settings
 from sim.aircraft import Aircraft, Truth
 from sim.weather.column import Column, pressure_altitude_m, standard_k
 from sim.weather.fields import Change, Diurnal, Front, Gradient, Gust, MountainWave, Place, Time, Wind
-from sim.weather.metar import Metar
+from sim.weather.metar import Day, Metar
 
 STANDARD_HPA = 1013.25
 _EARTH_M_PER_DEG = 111_319.49
 _NO_CORIOLIS_DEG = 10.0
 _RESOLVE_K = 5e-4
 """A smaller change of the offset is not worth integrating the column anew: 0.04 Pa at 2400 m."""
+_RESOLVE_HUMIDITY = 2.5e-4
+"""nor one of the humidity, which weighs as much at 15 C"""
 
 
 class PressurePoint(Settings):
@@ -85,7 +87,7 @@ class WeatherConfig(Settings):
     mountain_wave: MountainWave | None = None
     gusts: tuple[Gust, ...] = ()
     metar: Metar | None = None
-    """in place of pressure, temperature and wind"""
+    """in place of pressure, temperature, relative_humidity and wind"""
 
     @model_validator(mode="after")
     def _in_order(self) -> "WeatherConfig":
@@ -97,8 +99,9 @@ class WeatherConfig(Settings):
             if any(after <= before for before, after in itertools.pairwise(places)):
                 what = "altitudes" if "profile" in name else "times"
                 raise ValueError(f"the {what} of the {name} must increase")
-        if self.metar is not None and (self.pressure or self.temperature or self.wind != Wind()):
-            raise ValueError("metar takes the place of pressure, temperature and wind: give one or the other")
+        told_twice = self.pressure or self.temperature or self.relative_humidity or self.wind != Wind()
+        if self.metar is not None and told_twice:
+            raise ValueError("metar takes the place of pressure, temperature, humidity and wind: give one or the other")
         return self
 
     @property
@@ -160,28 +163,35 @@ class Weather:
     def __init__(self, config: WeatherConfig, aircraft: Aircraft) -> None:
         self._aircraft = aircraft
         self._fields = config.fields
-        north_mps, east_mps = config.wind.vector_mps
-        pressure = [(p.time_s, p.sea_level_hpa) for p in config.pressure]
-        offset = [(p.time_s, p.offset_k) for p in config.temperature]
-        north: list[tuple[float, float]] = []
-        east: list[tuple[float, float]] = []
         latitude_deg, longitude_deg, _ = aircraft.position()
         self._origin_deg = (latitude_deg, longitude_deg)
-        if config.metar is not None:
-            pressure, offset, north, east = config.metar.ramps(aircraft.ground_m)
-        self._pressure_hpa, self._offset_k = Ramp(pressure, STANDARD_HPA), Ramp(offset, 0.0)
-        self._wind_mps = Ramp(north, north_mps), Ramp(east, east_mps)
-        self._column: Column | None = None
-        if config.profile or config.relative_humidity:
-            points = [(point.altitude_amsl_m, point.offset_k) for point in config.profile]
-            self._column = Column(points, config.relative_humidity)
+        layers = Column([(point.altitude_amsl_m, point.offset_k) for point in config.profile])
+        day = self._day(config, layers)
+        self._pressure_hpa, self._offset_k = Ramp(day.sea_level_hpa, STANDARD_HPA), Ramp(day.offset_k, 0.0)
+        self._humidity = Ramp(day.relative_humidity, 0.0)
+        self._wind_mps = Ramp(day.north_mps, 0.0), Ramp(day.east_mps, 0.0)
+        moist = any(humidity for _, humidity in day.relative_humidity)
+        self._column = layers if config.profile or moist else None
         self._standard, self._own = Column(), Column()
         """for the QNH: the standard day, and JSBSim's column once more"""
-        self._solved_k = 0.0
-        self._applied_air: tuple[float, float] | None = None
+        self._solved: tuple[float, float] | None = None
+        self._applied_air: tuple[float, float, float] | None = None
         self._applied_wind: tuple[float, float, float] | None = None
         aircraft.set_turbulence(config.turbulence.severity, config.turbulence.wind_at_6m_mps)
         self.update(0.0)
+
+    def _day(self, config: WeatherConfig, layers: Column) -> Day:
+        """What changes with time alone."""
+        if config.metar is not None:
+            return config.metar.day(self._aircraft.ground_m, layers)
+        north_mps, east_mps = config.wind.vector_mps
+        return Day(
+            [(point.time_s, point.sea_level_hpa) for point in config.pressure],
+            [(point.time_s, point.offset_k) for point in config.temperature],
+            [(0.0, config.relative_humidity)],
+            [(0.0, north_mps)],
+            [(0.0, east_mps)],
+        )
 
     def at(self, time_s: float) -> tuple[float, float]:
         """Sea-level pressure (Pa) and temperature deviation (K) of the ramps, without what depends on the place."""
@@ -201,7 +211,7 @@ class Weather:
             north, east, down = north + total.north_mps, east + total.east_mps, total.down_mps
             ratio += total.local_pa / self._aircraft.air()[0]
         self.now = Now(sea_level_pa, offset_k, north, east, down)
-        self._apply(sea_level_pa * ratio, offset_k, (north, east, down))
+        self._apply((sea_level_pa * ratio, offset_k, self._humidity(time_s)), (north, east, down))
 
     def truth(self, truth: Truth) -> TrueAir:
         """The air of the last `update`, at an aircraft that is where `truth` says."""
@@ -225,21 +235,28 @@ class Weather:
         field_pa, standard_pa = (air.at(self._aircraft.ground_m, 1.0).pressure_pa for air in (column, self._standard))
         return self.now.sea_level_pa * field_pa / standard_pa
 
-    def _apply(self, sea_level_pa: float, offset_k: float, wind_mps: tuple[float, float, float]) -> None:
+    def _apply(self, air: tuple[float, float, float], wind_mps: tuple[float, float, float]) -> None:
+        """`air`: sea-level pressure (Pa), temperature offset (K), relative humidity."""
         if wind_mps != self._applied_wind:
             self._aircraft.set_wind(*wind_mps)
             self._applied_wind = wind_mps
-        if (sea_level_pa, offset_k) == self._applied_air:
+        if air == self._applied_air:
             return
+        sea_level_pa, offset_k, humidity = air
         if self._column is not None:
-            if abs(offset_k - self._solved_k) > _RESOLVE_K:
-                self._column.solve(offset_k)
-                self._solved_k = offset_k
+            self._solve(self._column, offset_k, humidity)
             column = self._column
             self._aircraft.set_column(lambda altitude_m: column.at(altitude_m, sea_level_pa))
         else:
             self._aircraft.set_air(sea_level_pa, offset_k)
-        self._applied_air = (sea_level_pa, offset_k)
+        self._applied_air = air
+
+    def _solve(self, column: Column, offset_k: float, humidity: float) -> None:
+        """Only for a change that shows."""
+        before_k, before = self._solved or (math.inf, math.inf)
+        if abs(offset_k - before_k) > _RESOLVE_K or abs(humidity - before) > _RESOLVE_HUMIDITY:
+            column.solve(offset_k, humidity)
+            self._solved = offset_k, humidity
 
     def _place(self, time_s: float, wind_mps: tuple[float, float]) -> Place:
         latitude_deg, longitude_deg, altitude_m = self._aircraft.position()

@@ -89,16 +89,18 @@ class Column:
         self._nodes: list[float] = nodes.tolist()
         self._weights: Array = -G0_MPS2 / GAS_CONSTANT * np.diff(nodes)
         self._sea_level = self._nodes.index(0.0)
-        self._moist: Array = np.where(nodes < _TROPOPAUSE_M, relative_humidity, 0.0)
+        self._below: Array = np.where(nodes < _TROPOPAUSE_M, 1.0, 0.0)
         self._log_ratios: Array = self._integrate(self._standard_k)
         self.solve(0.0)
 
-    def solve(self, offset_k: float) -> None:
-        """Integrate the column anew, `offset_k` warmer throughout."""
+    def solve(self, offset_k: float, relative_humidity: float | None = None) -> None:
+        """Integrate the column anew, `offset_k` warmer throughout; the humidity stays what it was unless given."""
+        if relative_humidity is not None:
+            self._humidity = relative_humidity
         temperature: Array = self._standard_k + self._profile_k + offset_k
         virtual = temperature
         if self._humidity:
-            vapour = self._moist * saturation_pa(temperature) / STANDARD_PA
+            vapour = self._humidity * self._below * saturation_pa(temperature) / STANDARD_PA
             for _ in range(_ROUNDS):  # the vapour's share needs the pressure: that of the last solution is a good start
                 virtual = temperature / (1.0 - 0.378 * vapour * np.exp(-self._log_ratios))
                 before, self._log_ratios = self._log_ratios, self._integrate(virtual)

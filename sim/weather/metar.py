@@ -1,4 +1,4 @@
-"""A real day from its METARs: pressure, temperature and wind over time, as the reports of one station tell them.
+"""A real day from its METARs: pressure, temperature, humidity and wind over time, as one station reports them.
 
 Read with the package ``metar`` (python-metar, BSD; pure Python, kept since 2004), part of the extra ``sim``.
 """
@@ -6,11 +6,12 @@ Read with the package ``metar`` (python-metar, BSD; pure Python, kept since 2004
 import warnings
 from typing import Annotated, NamedTuple
 
+import numpy as np
 from pydantic import Field, field_validator
 
 from companion.config import Settings
 from companion.errors import SimulationError
-from sim.weather.column import Column
+from sim.weather.column import Column, saturation_pa
 from sim.weather.fields import Wind
 
 _DAY_S = 86_400.0
@@ -23,14 +24,28 @@ class Report(NamedTuple):
     """since the first"""
     qnh_hpa: float | None
     temperature_k: float | None
+    dew_point_k: float | None
     wind_mps: tuple[float, float] | None
+
+
+Points = list[tuple[float, float]]
+
+
+class Day(NamedTuple):
+    """What the reports make of a day: (time since boot, value) of each quantity that they tell."""
+
+    sea_level_hpa: Points
+    offset_k: Points
+    relative_humidity: Points
+    north_mps: Points
+    east_mps: Points
 
 
 class Metar(Settings):
     """Reports of one station, in the order of their times; the first is the boot."""
 
     reports: Annotated[tuple[str, ...], Field(min_length=1, max_length=1000)]
-    """METAR lines; pressure, temperature and mean wind count, gusts and dew point do not"""
+    """METAR lines; pressure, temperature, dew point and mean wind count, gusts do not (see turbulence and gusts)"""
     hurry: Annotated[float, Field(ge=1.0, le=1000.0)] = 1.0
     """how many times as fast as in reality the day goes by"""
 
@@ -45,31 +60,38 @@ class Metar(Settings):
             raise ValueError("no report tells the pressure (Q1013 or A2992)")
         return reports
 
-    def ramps(self, elevation_m: float) -> tuple[list[tuple[float, float]], ...]:
-        """Over time: sea-level pressure (hPa), offset (K), wind north and east (m/s), for a station at that height.
+    def day(self, elevation_m: float, column: Column) -> Day:
+        """The day above a station at that height, with `column`'s own layers in it.
 
         A QNH is the station's pressure reduced to sea level through the standard column; the real column's pressure at
-        sea level is found by going down through the air of the report.
+        sea level is found by going down through the air of the report. The dew point's humidity is that of all heights.
         """
-        column = Column()
-        standard = column.at(elevation_m, 1.0)
-        offsets: list[tuple[float, float]] = []
-        pressures: list[tuple[float, float]] = []
-        winds: tuple[list[tuple[float, float]], list[tuple[float, float]]] = ([], [])
-        offset_k = 0.0
+        column.solve(0.0, 0.0)
+        usual_k, standard_pa = column.at(elevation_m, 1.0).temperature_k, Column().at(elevation_m, 1.0).pressure_pa
+        day = Day([], [], [], [], [])
+        offset_k = humidity = 0.0
         for report in parse(self.reports):
             time_s = report.time_s / self.hurry
             if report.temperature_k is not None:
-                offset_k = report.temperature_k - standard.temperature_k
-                offsets.append((time_s, offset_k))
+                offset_k = report.temperature_k - usual_k
+                day.offset_k.append((time_s, offset_k))
+                if report.dew_point_k is not None:
+                    humidity = _relative_humidity(report.temperature_k, report.dew_point_k)
+                    day.relative_humidity.append((time_s, humidity))
             if report.qnh_hpa is not None:
-                column.solve(offset_k)
-                station_hpa = report.qnh_hpa * standard.pressure_pa
-                pressures.append((time_s, station_hpa / column.at(elevation_m, 1.0).pressure_pa))
+                column.solve(offset_k, humidity)
+                station_hpa = report.qnh_hpa * standard_pa
+                day.sea_level_hpa.append((time_s, station_hpa / column.at(elevation_m, 1.0).pressure_pa))
             if report.wind_mps is not None:
-                for ramp, value in zip(winds, report.wind_mps, strict=True):
-                    ramp.append((time_s, value))
-        return pressures, offsets, *winds
+                day.north_mps.append((time_s, report.wind_mps[0]))
+                day.east_mps.append((time_s, report.wind_mps[1]))
+        return day
+
+
+def _relative_humidity(temperature_k: float, dew_point_k: float) -> float:
+    """The vapour there is in parts of the vapour there could be."""
+    there_pa, could_pa = map(float, saturation_pa(np.array([dew_point_k, temperature_k])))
+    return min(1.0, there_pa / could_pa)
 
 
 def parse(lines: tuple[str, ...]) -> list[Report]:
@@ -107,6 +129,7 @@ def parse(lines: tuple[str, ...]) -> list[Report]:
                 time_s,
                 None if report.press is None else report.press.value("HPA"),
                 None if report.temp is None else report.temp.value("C") + 273.15,
+                None if report.dewpt is None else report.dewpt.value("C") + 273.15,
                 _wind(
                     None if report.wind_speed is None else float(report.wind_speed.value("MPS")),
                     None if report.wind_dir is None else float(report.wind_dir.value()),

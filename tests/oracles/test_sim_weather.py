@@ -302,6 +302,8 @@ def test_reports_are_read() -> None:
     assert [report.time_s for report in reports] == [0.0, 3600.0, 7200.0, 54_000.0]
     assert reports[0].qnh_hpa == 1002.0
     assert reports[0].temperature_k == pytest.approx(282.15)
+    assert reports[0].dew_point_k == pytest.approx(277.15)
+    assert reports[2].dew_point_k is None
     assert reports[1].wind_mps == pytest.approx((0.0, 18.0 * 1852.0 / 3600.0), abs=0.01)
     assert reports[2].temperature_k is None
     assert reports[2].wind_mps == (0.0, 0.0)
@@ -321,6 +323,28 @@ def test_the_station_has_the_temperature_and_the_qnh_of_its_report(elevation_m: 
         height_m = 288.15 / 0.0065 * (1.0 - (pressure_pa / (qnh_hpa * 100.0)) ** 0.190263)
         assert height_m == pytest.approx(geopotential_m(altitude_m), abs=1.0)
         assert temperature_k == pytest.approx(celsius + 273.15 - 0.0065 * (altitude_m - elevation_m), abs=0.05)
+
+
+@pytest.mark.parametrize("elevation_m", [0.0, 1707.0])
+def test_layers_leave_the_station_what_it_reports(elevation_m: float) -> None:
+    aircraft = Aircraft(field_elevation_m=elevation_m)
+    layers = [{"altitude_amsl_m": elevation_m, "offset_k": -6}, {"altitude_amsl_m": elevation_m + 400, "offset_k": 3}]
+    weather = Weather(config(metar={"reports": DAY}, profile=layers), aircraft)
+    aircraft.advance(2)
+    told = weather.truth(aircraft.truth())
+    assert told.qnh_pa == pytest.approx(100_200.0, abs=1.0)
+    assert aircraft.air()[1] == pytest.approx(282.15, abs=0.1)
+
+
+def test_the_air_is_as_moist_as_the_dew_point_says() -> None:
+    aircraft = Aircraft()
+    Weather(config(metar={"reports": ["LSZH 121020Z 00000KT CAVOK 30/25 Q1013"]}), aircraft)
+    aircraft.advance(2)
+    pressure_pa, temperature_k = aircraft.air()
+    density = aircraft._fdm["atmosphere/rho-slugs_ft3"] * 515.379
+    vapour_pa = 3167.0  # saturated at 25 C, by the steam tables
+    dry = pressure_pa / (GAS_CONSTANT * temperature_k)
+    assert density / dry == pytest.approx(1.0 - 0.378 * vapour_pa / pressure_pa, rel=2e-4)
 
 
 def test_a_day_in_a_hurry() -> None:
@@ -344,6 +368,7 @@ def test_metars_need_no_clock_of_the_host(monkeypatch: pytest.MonkeyPatch) -> No
         ({"metar": {"reports": ["LSZH 311020Z 24012KT CAVOK 07/05"]}}, "no report tells the pressure"),
         ({"metar": {"reports": [DAY[1], DAY[0]]}}, "is not later than the report before it"),
         ({"metar": {"reports": [DAY[0]]}, "wind": {"speed_mps": 3}}, "metar takes the place of"),
+        ({"metar": {"reports": [DAY[0]]}, "relative_humidity": 0.5}, "metar takes the place of"),
         ({"front": {"kind": "hot"}}, "front.kind"),
         ({"front": {"speed": 3}}, "front.speed: unknown key"),
         ({"gusts": [{"speed_mps": 5}]}, "time_s: this key is required"),

@@ -268,7 +268,8 @@ class Flight:
         controls = self.autopilot.update(truth, target)
         aircraft = self.aircraft
         aircraft.set_surfaces(controls.elevator, controls.aileron, controls.rudder)
-        aircraft.set_engine(max(controls.throttle, 0.0))
+        self.vehicle.state.throttle = throttle = max(controls.throttle, 0.0)
+        aircraft.set_engine(throttle)
         aircraft.set_spoilers(max(-controls.throttle, 0.0), controls.lift_dump)
         aircraft.set_brakes(controls.brake)
         aircraft.set_steering(controls.steering)

@@ -138,6 +138,8 @@ def _pitot_hpa(airspeed_mps: float) -> float:
 
 
 _HEARTBEAT = packer("HEARTBEAT")
+_SYS_STATUS = packer("SYS_STATUS")
+_VFR_HUD = packer("VFR_HUD")
 _SYSTEM_TIME = packer("SYSTEM_TIME")
 _ATTITUDE = packer("ATTITUDE")
 _HIGHRES_IMU = packer("HIGHRES_IMU")
@@ -154,6 +156,7 @@ _TIMED = (_HIGHRES_IMU.message_id, _ATTITUDE.message_id)
 
 _TABLE = (
     Telemetry(_HEARTBEAT, heartbeat, 1.0, 1.0),
+    Telemetry(_SYS_STATUS, common.sys_status, 5.0, 5.0),
     Telemetry(_SYSTEM_TIME, common.system_time, 1.0, 1.0),
     Telemetry(_SCALED_PRESSURE, scaled_pressure, 1.0, 20.0, fresh=Fresh.PRESSURE),
     Telemetry(_SCALED_IMU, scaled_imu, 0.0, 25.0, fresh=Fresh.IMU),
@@ -163,6 +166,7 @@ _TABLE = (
     Telemetry(_GPS_RAW_INT, gps_raw_int, 50.0, 50.0, fresh=Fresh.FIX),
     Telemetry(_GLOBAL_POSITION_INT, common.global_position_int, 50.0, 50.0, fresh=Fresh.MOTION),
     Telemetry(_ALTITUDE, altitude, 10.0, 10.0),
+    Telemetry(_VFR_HUD, common.vfr_hud, 10.0, 10.0),
     Telemetry(_EXTENDED_SYS_STATE, common.extended_sys_state, 5.0, 5.0),
     Telemetry(_HOME_POSITION, common.home_position, 0.5, 0.5),
     Telemetry(_DEBUG_FLOAT_ARRAY, common.true_air, 0.0, 1.0),

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 
+from companion.mavlink.codec import mavlink
 from sim import BOOT_UNIX_US
 from sim.aircraft import G0_MPS2, Motion, Truth
 from sim.estimate import Position
@@ -25,6 +26,17 @@ MAV_AUTOPILOT_ARDUPILOTMEGA = 3
 _DISARMED, _ARMED = (81, 0, 3), (217, 10, 4)
 """base_mode, custom_mode, system_status: MANUAL in standby, AUTO armed and active, as ArduPlane 4.7 sends them"""
 _UNKNOWN_U16 = 65535
+_MOTION_SENSORS: int = (
+    mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
+    | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL
+    | mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG
+)
+_PRESSURE_SENSORS: int = (
+    mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE | mavlink.MAV_SYS_STATUS_SENSOR_DIFFERENTIAL_PRESSURE
+)
+_RECEIVER: int = mavlink.MAV_SYS_STATUS_SENSOR_GPS
+_ESTIMATE: int = mavlink.MAV_SYS_STATUS_AHRS | mavlink.MAV_SYS_STATUS_PREARM_CHECK
+_ALL_SENSORS = _MOTION_SENSORS | _PRESSURE_SENSORS | _RECEIVER | _ESTIMATE
 TRUE_AIR = "trueAir"
 _ARRAY_SIZE = 58
 _EARTH_FIELD_MGAUSS = (215.0, 8.0, 425.0)
@@ -41,6 +53,8 @@ class State:
     motion: Motion | None = None
     """the true mean motion behind the last IMU sample"""
     attitude_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    throttle: float = 0.0
+    """commanded, 0 to 1"""
     imu: ImuSample | None = None
     pressure: Pressure | None = None
     fix: Fix | None = None
@@ -227,6 +241,43 @@ def global_position_int(state: State) -> bytes | None:
     )
 
 
+def vfr_hud(state: State) -> bytes | None:
+    """What a pilot looks at, of the vehicle's own estimate; the airspeed is the calibrated one, the height AMSL."""
+    truth, position = state.truth, state.position
+    if truth is None:
+        return None
+    ground_mps = math.hypot(position.north_mps, position.east_mps) if position else 0.0
+    return _VFR_HUD.wire(
+        truth.airspeed_mps,
+        ground_mps,
+        position.altitude_amsl_m if position else 0.0,
+        position.climb_mps if position else 0.0,
+        round(math.degrees(state.attitude_rad[2])) % 360,
+        round(100.0 * state.throttle),
+    )
+
+
+def sys_status(state: State) -> bytes:
+    """Its sensors, and which of them are well: the receiver from its first 3D fix, the estimate from its origin on.
+
+    There is no battery: voltage, current and charge are unknown."""
+    healthy = _MOTION_SENSORS
+    if state.pressure is not None:
+        healthy |= _PRESSURE_SENSORS
+    if state.fix is not None and state.fix.fix_type >= 3:
+        healthy |= _RECEIVER
+    if state.position is not None:
+        healthy |= _ESTIMATE
+    return _SYS_STATUS.named(
+        onboard_control_sensors_present=_ALL_SENSORS,
+        onboard_control_sensors_enabled=_ALL_SENSORS,
+        onboard_control_sensors_health=healthy,
+        voltage_battery=_UNKNOWN_U16,
+        current_battery=-1,
+        battery_remaining=-1,
+    )
+
+
 def extended_sys_state(state: State) -> bytes | None:
     if state.truth is None:
         return None
@@ -283,6 +334,8 @@ def field_b_mgauss(truth: Truth) -> tuple[float, float, float]:
 
 
 _HEARTBEAT = packer("HEARTBEAT")
+_SYS_STATUS = packer("SYS_STATUS")
+_VFR_HUD = packer("VFR_HUD")
 _SYSTEM_TIME = packer("SYSTEM_TIME")
 _ATTITUDE = packer("ATTITUDE")
 _RAW_IMU = packer("RAW_IMU")
@@ -294,12 +347,13 @@ _GPS_RAW_INT = packer("GPS_RAW_INT")
 _GLOBAL_POSITION_INT = packer("GLOBAL_POSITION_INT")
 _EXTENDED_SYS_STATE = packer("EXTENDED_SYS_STATE")
 _HOME_POSITION = packer("HOME_POSITION")
-_RAW_SENSORS, _EXTENDED_STATUS, _POSITION, _EXTRA1, _EXTRA3 = 1, 2, 6, 10, 12
+_RAW_SENSORS, _EXTENDED_STATUS, _POSITION, _EXTRA1, _EXTRA2, _EXTRA3 = 1, 2, 6, 10, 11, 12
 
 # In the order in which they are sent within a tick. SIM_STATE at 25 Hz: linear interpolation over 40 ms misses a
 # turbulent 2 m/s2 by 0.4 mm, as much as the float32 it travels in, and every second RAW_IMU has its own attitude.
 _TABLE = (
     Telemetry(_HEARTBEAT, heartbeat, 1.0, 1.0),
+    Telemetry(_SYS_STATUS, sys_status, 1.0, 1.0, _EXTENDED_STATUS),
     Telemetry(_SYSTEM_TIME, system_time, 1.0, 1.0, _EXTRA3),
     Telemetry(_ATTITUDE, attitude, 1.0, 10.0, _EXTRA1, Fresh.MOTION),
     Telemetry(_RAW_IMU, raw_imu, 1.0, 50.0, _RAW_SENSORS, Fresh.MOTION),
@@ -307,6 +361,7 @@ _TABLE = (
     Telemetry(_SCALED_PRESSURE, scaled_pressure, 1.0, 20.0, _RAW_SENSORS),
     Telemetry(_GPS_RAW_INT, gps_raw_int, 1.0, 5.0, _EXTENDED_STATUS, Fresh.FIX),
     Telemetry(_GLOBAL_POSITION_INT, global_position_int, 1.0, 10.0, _POSITION, Fresh.MOTION),
+    Telemetry(_VFR_HUD, vfr_hud, 1.0, 1.0, _EXTRA2),
     Telemetry(_EXTENDED_SYS_STATE, extended_sys_state, 1.0, 1.0, _EXTENDED_STATUS),
     Telemetry(_HOME_POSITION, home_position, 0.2, 0.2),
     Telemetry(_HIGHRES_IMU, highres_imu, 0.0, 0.0),

@@ -77,6 +77,7 @@ class Vehicle:
             mavlink.MAV_CMD_GET_MESSAGE_INTERVAL: self._get_interval,
             mavlink.MAV_CMD_REQUEST_MESSAGE: self._request_message,
             mavlink.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: self._request_version,
+            mavlink.MAV_CMD_GET_HOME_POSITION: self._request_home,
         }
         self._handlers: dict[int, Callable[[Port, Frame, Any], None]] = {
             mavlink.MAVLINK_MSG_ID_COMMAND_LONG: self._on_command,
@@ -224,6 +225,14 @@ class Vehicle:
         message_id = _whole(message.param1)
         if message_id == _VERSION_ID:
             return self._request_version(port, message)
+        return self._send_now(port, message_id)
+
+    def _request_home(self, port: Port, message: Any) -> int:
+        """The older way, which MAVROS still goes."""
+        del message
+        return self._send_now(port, mavlink.MAVLINK_MSG_ID_HOME_POSITION)
+
+    def _send_now(self, port: Port, message_id: int | None) -> int:
         row = None if message_id is None else self.flavour.messages.get(message_id)
         payload = None if row is None else row.payload(self.state)
         if row is None or payload is None:

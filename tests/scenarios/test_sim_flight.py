@@ -149,13 +149,17 @@ def payloads(path: Path) -> dict[str, list[bytes]]:
     return found
 
 
+OWN = ("GLOBAL_POSITION_INT", "VFR_HUD")
+"""what the vehicle's own estimate says"""
+
+
 @pytest.mark.parametrize(
     ("sensor", "changed"),
     [
-        ("barometer", {"SCALED_PRESSURE", "GLOBAL_POSITION_INT", "HOME_POSITION"}),  # the origin is of a height, too
-        ("gnss", {"GPS_RAW_INT", "GLOBAL_POSITION_INT", "HOME_POSITION"}),
+        ("barometer", {"SCALED_PRESSURE", *OWN, "HOME_POSITION"}),  # the origin is of a height, too
+        ("gnss", {"GPS_RAW_INT", *OWN, "HOME_POSITION"}),
         ("imu", {"RAW_IMU"}),
-        ("estimate", {"ATTITUDE", "GLOBAL_POSITION_INT"}),  # GLOBAL_POSITION_INT carries the heading
+        ("estimate", {"ATTITUDE", *OWN}),  # which carry the heading
     ],
 )
 def test_one_sensor_s_seed_changes_that_sensor_alone(sensor: str, changed: set[str], tmp_path: Path) -> None:

@@ -55,7 +55,7 @@ def test_a_file_is_loaded_by_its_path(tmp_path: Path) -> None:
         (HEAD + FLIGHT + "  - {leg: land, touch_and_go: true}\n", "a touch-and-go is followed by a take_off"),
         (HEAD + FLIGHT + "  - {leg: climb, altitude_amsl_m: 320}\n", "altitude_amsl_m 320 is not 50 m above"),
         (HEAD + FLIGHT + "  - {leg: loop}\n", "profile"),
-        (HEAD + FLIGHT + "streams_hz: {VFR_HUD: 5}\n", "'VFR_HUD' is not streamed: use HEARTBEAT"),
+        (HEAD + FLIGHT + "streams_hz: {BATTERY_STATUS: 5}\n", "'BATTERY_STATUS' is not streamed: use HEARTBEAT"),
         (HEAD + FLIGHT + "sensors: {imu: {rate_hz: 30}}\n", "sensors.imu.rate_hz"),
         (HEAD + FLIGHT + "sensors: {gnss: {latency_s: -1}}\n", r"sensors.gnss.latency_s: -1 is out of range.*\(s\)"),
         (

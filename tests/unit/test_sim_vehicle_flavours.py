@@ -20,6 +20,7 @@ from tests.bench_vehicle import Bench, Client
 
 ACCEPTED, DENIED, FAILED = 0, 2, 4
 GET_INTERVAL, SET_INTERVAL, REQUEST, REQUEST_CAPABILITIES = 510, 511, 512, 520
+GET_HOME = 410
 QUIET = {"accel_noise_mps2_rthz": 0, "accel_bias_sd_mps2": 0, "gyro_noise_radps_rthz": 0, "gyro_bias_sd_radps": 0}
 ALL = pytest.mark.parametrize("flavour", list(FLAVOURS))
 
@@ -56,6 +57,7 @@ def test_a_silent_link_of_px4_carries_the_streams_of_mode_onboard() -> None:
     assert counts == {
         "HEARTBEAT": 10, "SYSTEM_TIME": 10, "SCALED_PRESSURE": 10, "ATTITUDE": 500, "HIGHRES_IMU": 500,
         "GPS_RAW_INT": 50, "GLOBAL_POSITION_INT": 500, "ALTITUDE": 100, "EXTENDED_SYS_STATE": 50, "HOME_POSITION": 5,
+        "SYS_STATUS": 50, "VFR_HUD": 100,
     }  # fmt: skip
 
 
@@ -164,7 +166,10 @@ def test_ardupilot_has_highres_imu_for_who_asks() -> None:
 
 def test_ardupilot_has_room_for_ten_intervals() -> None:
     bench = as_("ardupilot")
-    messages = list(FLAVOURS["ardupilot"].messages)[:11]
+    streamed = list(FLAVOURS["ardupilot"].messages)
+    messages = [*streamed[:10], mavlink.MAVLINK_MSG_ID_HIGHRES_IMU]  # which is off
+    for message_id in streamed[10:]:
+        bench.answer(SET_INTERVAL, message_id, -1)
     for step, message_id in enumerate(messages):
         assert bench.answer(SET_INTERVAL, message_id, 100_000 + 10_000 * step)[0].result == ACCEPTED
     _, others = bench.answer(GET_INTERVAL, messages[-1])
@@ -274,6 +279,39 @@ def test_a_fix_is_as_old_as_the_real_ones(flavour: str) -> None:
     assert 0.05 <= min(ages_s) < 0.07
     assert 0.12 < max(ages_s) < 0.30
     assert len({round(age, 2) for age in ages_s}) > 5
+
+
+@ALL
+def test_a_ground_station_sees_its_sensors_and_its_instruments(flavour: str) -> None:
+    legs = [{"leg": "wait", "duration_s": 20}, {"leg": "take_off", "height_m": 60}]
+    bench = as_(flavour, scenario={"profile": legs, "runway": {"heading_deg": 250}})
+    gps, ahrs = mavlink.MAV_SYS_STATUS_SENSOR_GPS, mavlink.MAV_SYS_STATUS_AHRS
+    for until_s, healthy in ((6.0, 0), (17.0, gps), (19.9, gps | ahrs)):  # the fix at 8 s, the origin at 18
+        bench.fly(until_s - bench.flight.time_us * 1e-6)
+        status = bench.client.messages("SYS_STATUS")[-1]
+        assert status.onboard_control_sensors_health & (gps | ahrs) == healthy
+        assert status.onboard_control_sensors_enabled & (gps | ahrs) == gps | ahrs
+        assert (status.voltage_battery, status.current_battery, status.battery_remaining) == (65535, -1, -1)
+    while not bench.flight.profile.done:
+        bench.flight.tick()
+    truth, instruments = bench.flight.vehicle.state.truth, bench.client.messages("VFR_HUD")[-1]
+    assert truth is not None
+    assert instruments.airspeed == pytest.approx(truth.airspeed_mps, abs=2.0)
+    assert instruments.groundspeed == pytest.approx(math.hypot(truth.north_mps, truth.east_mps), abs=2.0)
+    assert instruments.alt == pytest.approx(truth.altitude_amsl_m, abs=20.0)
+    assert instruments.climb == pytest.approx(truth.climb_mps, abs=2.0)
+    assert instruments.heading == pytest.approx(250, abs=6)
+    assert instruments.throttle == 100
+
+
+@ALL
+def test_the_home_is_told_by_the_older_command_too(flavour: str) -> None:
+    bench = as_(flavour)
+    assert bench.answer(GET_HOME)[0].result == FLAVOURS[flavour].unknown_request  # there is none yet
+    bench.fly(20.0)
+    ack, others = bench.answer(GET_HOME)
+    assert ack.result == ACCEPTED
+    assert [message.get_type() for message in others].count("HOME_POSITION") == 1
 
 
 @ALL

@@ -85,6 +85,24 @@ class Truth(NamedTuple):
         return -self.down_mps
 
 
+class Controls(NamedTuple):
+    """What a pilot moves, -1..1 or 0..1. Positive pitches up, rolls right, yaws right."""
+
+    elevator: float = 0.0
+    aileron: float = 0.0
+    rudder: float = 0.0
+    throttle: float = 0.0
+    """below zero, how far the speed brakes are out"""
+    brake: float = 0.0
+    steering: float = 0.0
+    """of the nose wheel"""
+    flaps: float = 0.0
+    gear: float = 1.0
+    """1 is down"""
+    lift_dump: float = 0.0
+    """what dumps the lift after touchdown, where there is such a thing"""
+
+
 class Motion(NamedTuple):
     """What an ideal IMU at the centre of gravity would average over an interval."""
 
@@ -185,42 +203,27 @@ class Aircraft:
         self._weight_on_wheels = reader("gear/wow")
         self._stick = tuple(writer(f"fcs/{n}-cmd-norm") for n in ("elevator", "aileron", "rudder"))
         self._throttles = tuple(writer(f"fcs/throttle-cmd-norm[{number}]") for number in range(engines))
-        self._brakes = tuple(writer(f"fcs/{side}-brake-cmd-norm") for side in ("left", "right"))
-        self._steering = writer("fcs/steer-cmd-norm")
-        self._configuration = writer("fcs/flap-cmd-norm"), writer("gear/gear-cmd-norm")
-        self._spoilers = writer("fcs/speedbrake-cmd-norm"), writer("fcs/spoiler-cmd-norm")
+        rarely = ("left-brake", "speedbrake", "right-brake", "steer", "flap", "gear", "spoiler")
+        self._rarely = tuple(writer(f"{'gear' if n == 'gear' else 'fcs'}/{n}-cmd-norm") for n in rarely)
+        self._rare: tuple[float, ...] = ()
+        """what was last written there, but for the left brake, which is the right one's"""
         for number in range(engines):
             self._fdm[f"fcs/mixture-cmd-norm[{number}]"] = 1.0
         self._set_air = tuple(writer(f"atmosphere/{n}") for n in ("P-sl-psf", "delta-T"))
 
-    # Controls, all -1..1 or 0..1. Positive pitches up, rolls right, yaws right.
-
-    def set_surfaces(self, elevator: float, aileron: float, rudder: float) -> None:
+    def control(self, controls: Controls) -> None:
+        """Move what the pilot moves. What moves rarely is written only then: a write costs 0.1 us."""
+        elevator, aileron, rudder, throttle, *others = controls
         self._stick[0](-elevator)  # JSBSim's elevator is positive trailing edge down
         self._stick[1](aileron)
         self._stick[2](-rudder)  # and its rudder positive trailing edge left, as the aerodynamic convention has it
-
-    def set_engine(self, throttle: float) -> None:
         for write in self._throttles:
-            write(throttle)
-
-    def set_brakes(self, brake: float) -> None:
-        self._brakes[0](brake)
-        self._brakes[1](brake)
-
-    def set_steering(self, steering: float) -> None:
-        """The nose wheel's, positive to the right."""
-        self._steering(steering)
-
-    def set_configuration(self, flaps: float, gear: float) -> None:
-        """1 is down."""
-        self._configuration[0](flaps)
-        self._configuration[1](gear)
-
-    def set_spoilers(self, flight: float, ground: float) -> None:
-        """Speed brakes, and what dumps the lift after touchdown where there is such a thing."""
-        self._spoilers[0](flight)
-        self._spoilers[1](ground)
+            write(max(throttle, 0.0))
+        rare = (max(-throttle, 0.0), *others)
+        if rare != self._rare:
+            self._rare = rare
+            for write, value in zip(self._rarely, (controls.brake, *rare), strict=True):
+                write(value)
 
     # Weather. It acts on the next step.
 
@@ -273,8 +276,7 @@ class Aircraft:
         Aloft there is nothing to wait for."""
         if self._aloft is not None:
             return
-        self.set_engine(0.0)
-        self.set_brakes(1.0)
+        self.control(Controls(brake=1.0))
         self.advance(round(duration_s * STEP_HZ))
         self.mean_motion()
         self._time_us = 0

@@ -11,10 +11,9 @@ Speed brakes are the throttle's range below idle. Updated at `UPDATE_HZ`; the ga
 import math
 from dataclasses import dataclass
 from enum import Enum, auto
-from typing import NamedTuple
 
 from companion.errors import SimulationError
-from sim.aircraft import Truth
+from sim.aircraft import Controls, Truth
 from sim.gains import GAINS
 
 UPDATE_HZ = 50
@@ -62,20 +61,6 @@ class Target:
     """a bank to circle at, in place of the heading"""
     brake: float = 0.0
     """of the roll-out"""
-
-
-class Controls(NamedTuple):
-    """Positive pitches up, rolls right, yaws right. A throttle below zero is speed brakes."""
-
-    elevator: float
-    aileron: float
-    rudder: float
-    throttle: float
-    brake: float = 0.0
-    steering: float = 0.0
-    flaps: float = 0.0
-    gear: float = 1.0
-    lift_dump: float = 0.0
 
 
 class Autopilot:

@@ -215,8 +215,10 @@ class Flight:
                     self._clock.sleep_s(ahead_s)
                 elif ahead_s < -_LATE_S:
                     origin_us, flown_us = self._clock.now_us(), self.time_us
+            if progress is None or self.time_us % _REPORT_US:
+                continue
             truth = self.vehicle.state.truth
-            if progress is not None and truth is not None and self.time_us % _REPORT_US == 0:
+            if truth is not None:
                 elapsed_s = time.perf_counter() - started_s
                 progress(Progress(self.time_us * 1e-6, truth, self.profile.describe(), self.time_us * 1e-6 / elapsed_s))
 
@@ -266,21 +268,16 @@ class Flight:
         before = self.profile.leg
         target = self.profile.update(truth)
         controls = self.autopilot.update(truth, target)
-        aircraft = self.aircraft
-        aircraft.set_surfaces(controls.elevator, controls.aileron, controls.rudder)
-        self.vehicle.state.throttle = throttle = max(controls.throttle, 0.0)
-        aircraft.set_engine(throttle)
-        aircraft.set_spoilers(max(-controls.throttle, 0.0), controls.lift_dump)
-        aircraft.set_brakes(controls.brake)
-        aircraft.set_steering(controls.steering)
-        aircraft.set_configuration(controls.flaps, controls.gear)
-        if (target.mode is not Mode.PARKED) != self.vehicle.state.armed:
-            self.vehicle.arm(target.mode is not Mode.PARKED)
+        self.aircraft.control(controls)
+        self.vehicle.state.throttle = max(controls.throttle, 0.0)
+        armed = target.mode is not Mode.PARKED
+        if armed != self.vehicle.state.armed:
+            self.vehicle.arm(armed)
         if self.profile.leg is not before:
             self.vehicle.say(f"Mission: {self.profile.describe()}")
         if target.mode not in _NEAR_THE_GROUND:
             self._stall.check(truth, self.profile.leg, self.profile.describe())
-        if target.mode in _AIRBORNE and truth.on_ground:
+        if truth.on_ground and target.mode in _AIRBORNE:
             raise SimulationError(
                 f"at {truth.time_us / 1e6:.2f} s the aircraft hit the ground during '{self.profile.describe()}', "
                 f"sinking at {truth.down_mps:.1f} m/s"
@@ -301,7 +298,8 @@ class Flight:
         return way
 
     def _log(self, frame: bytes) -> bool:
-        self._record(self.time_us, frame)
+        assert self._writer is not None
+        self._writer.write(BOOT_UNIX_US + self.time_us, frame)
         return True
 
     def _log_packet(self, packet: Packet) -> bool:

@@ -4,6 +4,7 @@ A flight of twenty minutes is 150,000 frames, so packing shows. Receiving is rar
 """
 
 import struct
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -21,15 +22,11 @@ class Packer:
         kind = getattr(mavlink, f"MAVLink_{name.lower()}_message")
         self.name = name
         self.message_id: int = kind.id
-        self._pack = kind.unpacker.pack
+        self.wire: Callable[..., bytes] = kind.unpacker.pack
+        """the payload of values in the order of the wire (see ``ordered_fieldnames``)"""
         self._extra = bytes([kind.crc_extra])
         types = [kind.fieldtypes[order] for order in map(kind.fieldnames.index, kind.ordered_fieldnames)]
         self._fields = list(zip(kind.ordered_fieldnames, types, kind.array_lengths, strict=True))
-
-    def wire(self, *values: Any) -> bytes:
-        """The payload of values in the order of the wire (see ``ordered_fieldnames``), without its trailing zeros."""
-        payload: bytes = self._pack(*values)
-        return payload.rstrip(b"\0") or b"\0"
 
     def named(self, **fields: Any) -> bytes:
         """The payload of fields by name; those not given are zero."""
@@ -47,7 +44,8 @@ class Packer:
         return self.wire(*values)
 
     def frame(self, payload: bytes, sequence: int, system_id: int, component_id: int) -> bytes:
-        """The whole frame, unsigned."""
+        """The whole frame, unsigned, without the zeros at the end of its payload, as MAVLink 2 demands."""
+        payload = payload.rstrip(b"\0") or b"\0"
         message_id = self.message_id
         body = (
             _HEADER(len(payload), 0, 0, sequence, system_id, component_id, message_id & 0xFFFF, message_id >> 16)

@@ -117,19 +117,17 @@ class Profile:
         self._heading_rad = math.radians(place.heading_deg)
         self._altitude_m = place.elevation_m if aloft_m is None else aloft_m
         self._index = -1
+        self.leg: Leg = self._legs[0]
+        """the one being flown"""
         self._since_us = 0
         self._target = Target(Mode.PARKED, self._heading_rad)
         self.done = False
-
-    @property
-    def leg(self) -> Leg:
-        """The leg being flown."""
-        return self._legs[max(self._index, 0)]
 
     def update(self, truth: Truth) -> Target:
         if self._index < 0 or self._over(truth):
             if self._index + 1 < len(self._legs):
                 self._index += 1
+                self.leg = self._legs[self._index]
                 self._begin(truth)
             elif not self.done:
                 self.done = True

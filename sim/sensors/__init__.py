@@ -12,11 +12,13 @@ from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
 from companion.config import Settings
 
-_BLOCK = 4096
+_BLOCK = 240
+"""whole vectors of three; few enough that the blocks of all streams stay in the processor's cache"""
 
 
 class SensorConfig(Settings):
@@ -45,14 +47,17 @@ class SensorConfig(Settings):
 
 
 def normals(seed: int, *names: str) -> Iterator[float]:
-    """Standard normal numbers for ever: the same for the same seed and names, independent of every other stream.
+    """Standard normal numbers for ever: the same for the same seed and names, independent of every other stream."""
+    for block in normal_blocks(seed, *names):
+        yield from block.tolist()
 
-    Drawn in blocks: one number costs 0.03 us, a call of the generator 1 us.
-    """
+
+def normal_blocks(seed: int, *names: str) -> Iterator[NDArray[np.float64]]:
+    """The same in arrays: so one number costs 0.03 us, and a call of the generator 1 us."""
     keys = tuple(zlib.crc32(name.encode()) for name in names)
     generator = np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=keys)))
     while True:
-        yield from generator.standard_normal(_BLOCK).tolist()
+        yield generator.standard_normal(_BLOCK)
 
 
 class GaussMarkov:

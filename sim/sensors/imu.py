@@ -15,13 +15,14 @@ it does. A flat four at 2400 rpm fires at 80 Hz; ArduPilot's advice is to stay b
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
+import numpy as np
 from pydantic import Field
 
 from sim.aircraft import G0_MPS2, Motion, Vector
-from sim.sensors import GaussMarkov, SensorConfig, normals
+from sim.sensors import GaussMarkov, SensorConfig, normal_blocks, normals
 
 Small = Annotated[float, Field(ge=0.0, le=10.0)]
 Range = Annotated[float, Field(gt=0.0, le=1e4)]
@@ -121,26 +122,29 @@ class _Triad:
         self.bias = [bias_sd * next(turn_on) for _ in range(3)]
         heat = normals(seed, "imu", name, "thermal")
         self.thermal = [thermal_sd * next(heat) for _ in range(3)] if thermal_sd else None
-        self._walk = walk * math.sqrt(dt_s)
-        self._noise = noise / math.sqrt(dt_s)
-        self._steps = normals(seed, "imu", name, "walk")
-        self._white = normals(seed, "imu", name, "white")
+        self._errors = self._draw(seed, name, walk * math.sqrt(dt_s), noise / math.sqrt(dt_s))
         self._limit = limit
         self.mounting = _mounting(seed, name, config)
 
+    def _draw(self, seed: int, name: str, walk: float, noise: float) -> Iterator[list[float]]:
+        """Bias, walking from the turn-on one, and white noise of one sample after the other."""
+        steps, white = normal_blocks(seed, "imu", name, "walk"), normal_blocks(seed, "imu", name, "white")
+        bias = np.array([self.bias])
+        while True:
+            biases = np.cumsum(np.vstack((bias, walk * next(steps).reshape(-1, 3))), axis=0)
+            bias = biases[-1:]
+            yield from (biases[1:] + noise * next(white).reshape(-1, 3)).tolist()
+
     def measure(self, true: Vector, cold_k: float) -> Vector:
-        bias, walk, noise, steps, white = self.bias, self._walk, self._noise, self._steps, self._white
         x, y, z = true
         if self.mounting is not None:
             x, y, z = (row[0] * x + row[1] * y + row[2] * z for row in self.mounting)
         if self.thermal is not None:
             x, y, z = (value - cold_k * heat for value, heat in zip((x, y, z), self.thermal, strict=True))
-        bias[0] += walk * next(steps)
-        bias[1] += walk * next(steps)
-        bias[2] += walk * next(steps)
-        x += bias[0] + noise * next(white)
-        y += bias[1] + noise * next(white)
-        z += bias[2] + noise * next(white)
+        error_x, error_y, error_z = next(self._errors)
+        x += error_x
+        y += error_y
+        z += error_z
         limit = self._limit
         if -limit <= x <= limit and -limit <= y <= limit and -limit <= z <= limit:
             return x, y, z

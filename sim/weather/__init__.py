@@ -174,6 +174,7 @@ class Weather:
         self._column = layers if config.profile or moist else None
         self._standard, self._own = Column(), Column()
         """for the QNH: the standard day, and JSBSim's column once more"""
+        self._own_k = 0.0
         self._solved: tuple[float, float] | None = None
         self._applied_air: tuple[float, float, float] | None = None
         self._applied_wind: tuple[float, float, float] | None = None
@@ -231,7 +232,9 @@ class Weather:
         column = self._column
         if column is None:
             column = self._own
-            column.solve(self.now.offset_k)
+            if self.now.offset_k != self._own_k:
+                column.solve(self.now.offset_k)
+                self._own_k = self.now.offset_k
         field_pa, standard_pa = (air.at(self._aircraft.ground_m, 1.0).pressure_pa for air in (column, self._standard))
         return self.now.sea_level_pa * field_pa / standard_pa
 

@@ -6,7 +6,7 @@ import pytest
 
 from companion.errors import SimulationError
 from sim import STEP_HZ
-from sim.aircraft import G0_MPS2, Aircraft
+from sim.aircraft import G0_MPS2, Aircraft, Controls
 from sim.weather import PressurePoint, TemperaturePoint, Weather, WeatherConfig
 from sim.weather.fields import Wind
 
@@ -132,13 +132,10 @@ def test_same_seed_same_turbulence_and_no_more() -> None:
 def test_a_crash_is_an_error_that_says_when() -> None:
     aircraft = Aircraft(field_elevation_m=300.0)
     aircraft.settle()
-    aircraft.set_brakes(0.0)
-    aircraft.set_engine(1.0)
     while aircraft.truth().altitude_amsl_m < 330.0:
-        aircraft.set_surfaces(0.3, -0.5 * aircraft.truth().roll_rad, 0.0)
+        aircraft.control(Controls(elevator=0.3, aileron=-0.5 * aircraft.truth().roll_rad, throttle=1.0))
         aircraft.advance(STEP_HZ // 10)
-    aircraft.set_engine(0.0)
-    aircraft.set_surfaces(-1.0, 0.0, 0.0)
+    aircraft.control(Controls(elevator=-1.0))
 
     def fall() -> None:
         for _ in range(3000):

@@ -17,8 +17,8 @@ from companion.links.memory import pair
 from companion.logs.tlog import TlogReader
 from companion.mavlink.codec import Decoder
 from sim import BOOT_UNIX_US
-from sim.aircraft import Motion, Truth
-from sim.autopilot import Controls, Target
+from sim.aircraft import Controls, Motion, Truth
+from sim.autopilot import Target
 from sim.flight import Flight
 from sim.profile import Climb, Descend, Hold, Leg, TakeOff
 from sim.scenario import Scenario, load_scenario

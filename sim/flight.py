@@ -276,7 +276,7 @@ class Flight:
         if self.profile.leg is not before:
             self.vehicle.say(f"Mission: {self.profile.describe()}")
         if target.mode not in _NEAR_THE_GROUND:
-            self._stall.check(truth, self.profile.leg, self.profile.describe())
+            self._stall.check(truth, self.profile.leg, self.profile.describe)
         if truth.on_ground and target.mode in _AIRBORNE:
             raise SimulationError(
                 f"at {truth.time_us / 1e6:.2f} s the aircraft hit the ground during '{self.profile.describe()}', "

@@ -6,6 +6,7 @@ it for a moment; one that stays there sinks, as the autopilot pulls for the alti
 """
 
 import math
+from collections.abc import Callable
 
 from companion.errors import SimulationError
 from sim.aircraft import Aircraft, Truth
@@ -25,8 +26,8 @@ class StallWatch:
         self._needed_mps = 0.0
         """airspeed at which the greatest lift would carry the weight in this bank"""
 
-    def check(self, truth: Truth, leg: Leg, what: str) -> None:
-        """Raises `SimulationError` for a wing stalled in the air for half a second. `what` names the leg in words."""
+    def check(self, truth: Truth, leg: Leg, describe: Callable[[], str]) -> None:
+        """Raises `SimulationError` for a wing stalled in the air for half a second; `describe` names the leg."""
         angle_rad = self._aircraft.angle_of_attack_rad()
         if truth.on_ground or angle_rad <= self._aircraft.stall_rad:
             self._since_us = None
@@ -37,8 +38,8 @@ class StallWatch:
         if truth.time_us - self._since_us >= _STAYS_US:
             angle_deg, stall_deg = math.degrees(angle_rad), math.degrees(self._aircraft.stall_rad)
             raise SimulationError(
-                f"at {truth.time_us / 1e6:.2f} s the aircraft stalled during '{what}': {truth.altitude_amsl_m:.0f} m "
-                f"AMSL, {truth.airspeed_mps:.1f} m/s calibrated, bank {abs(math.degrees(truth.roll_rad)):.0f} degrees, "
+                f"at {truth.time_us / 1e6:.2f} s the aircraft stalled during '{describe()}': "
+                f"{truth.altitude_amsl_m:.0f} m AMSL, {truth.airspeed_mps:.1f} m/s calibrated, bank {abs(math.degrees(truth.roll_rad)):.0f} degrees, "
                 f"angle of attack {angle_deg:.1f} degrees with the greatest lift at {stall_deg:.1f}; it needs about "
                 f"{self._needed_mps:.0f} m/s there: give the leg {_remedy(leg)}"
             )

@@ -96,16 +96,16 @@ def test_a_moment_and_the_ground_are_no_stall() -> None:
     aircraft.angle_of_attack_rad = lambda: angles["now"]
     watch = StallWatch(aircraft)
     for time_us in range(0, 480_001, 20_000):
-        watch.check(truth._replace(time_us=time_us), leg, "Glide")
+        watch.check(truth._replace(time_us=time_us), leg, lambda: "Glide")
     angles["now"] = 0.2
-    watch.check(truth._replace(time_us=500_000), leg, "Glide")
+    watch.check(truth._replace(time_us=500_000), leg, lambda: "Glide")
     angles["now"] = 0.3
     for time_us in range(520_000, 1_000_001, 20_000):
-        watch.check(truth._replace(time_us=time_us), leg, "Glide")
-    watch.check(truth._replace(time_us=1_020_000, on_ground=True), leg, "Glide")
-    watch.check(truth._replace(time_us=1_040_000), leg, "Glide")
+        watch.check(truth._replace(time_us=time_us), leg, lambda: "Glide")
+    watch.check(truth._replace(time_us=1_020_000, on_ground=True), leg, lambda: "Glide")
+    watch.check(truth._replace(time_us=1_040_000), leg, lambda: "Glide")
     with pytest.raises(SimulationError, match=r"angle of attack 17\.2 degrees .* give the leg calmer weather"):
-        watch.check(truth._replace(time_us=1_540_000), Land(leg="land"), "Landing")
+        watch.check(truth._replace(time_us=1_540_000), Land(leg="land"), lambda: "Landing")
 
 
 def test_a_landing_may_end_beyond_it() -> None:

@@ -39,8 +39,9 @@ class StallWatch:
             angle_deg, stall_deg = math.degrees(angle_rad), math.degrees(self._aircraft.stall_rad)
             raise SimulationError(
                 f"at {truth.time_us / 1e6:.2f} s the aircraft stalled during '{describe()}': "
-                f"{truth.altitude_amsl_m:.0f} m AMSL, {truth.airspeed_mps:.1f} m/s calibrated, bank {abs(math.degrees(truth.roll_rad)):.0f} degrees, "
-                f"angle of attack {angle_deg:.1f} degrees with the greatest lift at {stall_deg:.1f}; it needs about "
+                f"{truth.altitude_amsl_m:.0f} m AMSL, {truth.airspeed_mps:.1f} m/s calibrated, "
+                f"bank {abs(math.degrees(truth.roll_rad)):.0f} degrees, angle of attack {angle_deg:.1f} degrees with "
+                f"the greatest lift at {stall_deg:.1f}; it needs about "
                 f"{self._needed_mps:.0f} m/s there: give the leg {_remedy(leg)}"
             )
 

@@ -19,10 +19,11 @@ from sim import STEP_HZ
 
 G0_MPS2 = 9.80665
 _FT = 0.3048
-_PSF = 0.45359237 * G0_MPS2 / _FT**2
+_LB = 0.45359237
+_PSF = _LB * G0_MPS2 / _FT**2
 _KT = 1852.0 / 3600.0
 _RANKINE_PER_K = 1.8
-_SLUGS_PER_FT3 = 0.45359237 * G0_MPS2 / _FT / _FT**3
+_SLUGS_PER_FT3 = _LB * G0_MPS2 / _FT / _FT**3
 """kg/m3 in one"""
 
 Vector = tuple[float, float, float]
@@ -199,6 +200,7 @@ class Aircraft:
         self._air = tuple(reader(f"atmosphere/{n}") for n in ("P-psf", "T-R"))
         self._flow = tuple(reader(n) for n in ("aero/qbar-psf", "aero/beta-rad", "position/geod-alt-ft"))
         self.angle_of_attack_rad = reader("aero/alpha-rad")
+        self._fuel_lb = reader("propulsion/total-fuel-lbs") if engines else lambda: math.inf
         self._airspeed_kt = reader("velocities/vc-kts")
         self._weight_on_wheels = reader("gear/wow")
         self._stick = tuple(writer(f"fcs/{n}-cmd-norm") for n in ("elevator", "aileron", "rudder"))
@@ -321,6 +323,14 @@ class Aircraft:
     @property
     def powered(self) -> bool:
         return bool(self._throttles)
+
+    def fuel_kg(self) -> float:
+        """Left in all tanks; without an engine none is ever missing."""
+        return self._fuel_lb() * _LB
+
+    def freeze_fuel(self) -> None:
+        """Burn nothing from now on: the engines run, and the weight stays what it is."""
+        self._fdm["propulsion/fuel_freeze"] = 1.0
 
     @property
     def rest_height_m(self) -> float:

@@ -171,6 +171,8 @@ class Flight:
         )
         self._stall = StallWatch(self.aircraft)
         self.weather = Weather(scenario.weather, self.aircraft)
+        if scenario.endless_fuel:
+            self.aircraft.freeze_fuel()
         self.aircraft.settle()
 
     def _start_sensors(self, seed: int, baro_hz: int) -> None:
@@ -226,6 +228,7 @@ class Flight:
         """Advance by one tick of `sim.TICK_US`."""
         if self.time_us % _WEATHER_US == 0:
             self.weather.update(self.time_us * 1e-6)
+            self._check_fuel()
         self.aircraft.advance(STEPS_PER_TICK)
         self.time_us = self.aircraft.time_us
         state = self.vehicle.state
@@ -250,6 +253,14 @@ class Flight:
         self.vehicle.stream()
         for way in self._ways:
             way.due(BOOT_UNIX_US + self.time_us)
+
+    def _check_fuel(self) -> None:
+        """An aircraft whose engines have stopped flies another profile than the scenario's."""
+        if self.aircraft.fuel_kg() <= 0.0:
+            raise SimulationError(
+                f"at {self.time_us / 1e6:.2f} s the fuel is used up during '{self.profile.describe()}': "
+                "make the profile shorter, or set endless_fuel"
+            )
 
     def _motion(self) -> None:
         """What happens at 50 Hz: truth, autopilot, IMU, GNSS, the vehicle's own estimate."""

@@ -76,6 +76,8 @@ class Scenario(Settings):
     runway: Runway = Runway()
     aloft: Aloft | None = None
     """for aircraft without an engine, and whoever has no use for a take-off"""
+    endless_fuel: bool = False
+    """whether the engines burn nothing; without it, a flight whose tanks are empty ends with an error"""
     profile: Annotated[tuple[Leg, ...], Field(min_length=1)]
     """the legs, in the order in which they are flown"""
     weather: WeatherConfig = WeatherConfig()

@@ -52,6 +52,8 @@ REST_BIAS_SD_RADPS = 0.003
 MOVING_TILT_SD_RAD = 0.15
 BLIND_TILT_SD_RAD = 0.5
 """in motion, and GNSS tells no acceleration"""
+LONGEST_WAIT_S = 10.0
+"""for the first GNSS speed: a glider is as quiet as a vehicle at rest, but its gyros do not show their bias alone"""
 MOVING_BIAS_SD_RADPS = 0.02
 """zero-rate offset of consumer gyros: about 1 degree a second"""
 HIGHEST_BIAS_RADPS = 0.2
@@ -72,6 +74,8 @@ DISTURBANCE_TIME_S = 3.0
 HIGHEST_ACCELERATION_MPS2 = 30.0
 """GNSS speed that changes faster is no acceleration"""
 SHORTEST_FIX_US, LONGEST_FIX_US = 50_000, 2_000_000
+VIBRATION_TIME_S = 0.2
+"""vibration averages out in so long; what is left of the force beyond gravity's is an acceleration"""
 LEAST_SUPPORT_MPS2 = 3.0
 """in a parabola the specific force has no direction"""
 NOSE_UP = 0.95
@@ -98,8 +102,10 @@ def attitude_fields() -> tuple[tuple[Any, ...], ...]:
         ("attitude_tilt_var", "f8"),  # rad2
         ("attitude_tilt_bias_cov", "f8"),
         ("attitude_bias_var", "f8"),
+        ("attitude_force_b_mps2", "f8", (3,)),  # without vibration
         ("attitude_window_s", "f8"),  # alignment: length so far, sums over it
         ("attitude_window_count", "i8"),
+        ("attitude_waited_s", "f8"),  # for GNSS to say whether this is rest
         ("attitude_force_sum", "f8", (3,)),
         ("attitude_rate_sum", "f8", (3,)),
         ("attitude_force2_sum", "f8"),
@@ -136,6 +142,7 @@ def attitude_start(state: Rows) -> None:
     s.attitude_vehicle_trusted = 1
     s.attitude_vehicle_doubt_s = 0.0
     s.attitude_bias_var = MOVING_BIAS_SD_RADPS * MOVING_BIAS_SD_RADPS
+    s.attitude_waited_s = 0.0
     for i in range(3):
         s.attitude_bias_b_radps[i] = 0.0
         s.attitude_rate_b_radps[i] = 0.0
@@ -153,7 +160,7 @@ def imu_can_be_integrated(state: Rows) -> bool:
 @step
 def up_is_known(state: Rows) -> bool:
     """Whether there is an attitude, ours or the vehicle's."""
-    return not math.isnan(state[0].attitude_up_b[0]) or _vehicle_serves(state)
+    return not math.isnan(state[0].attitude_up_b[0]) or vehicle_serves(state)
 
 
 @step
@@ -182,7 +189,7 @@ def up_acceleration_mps2(state: Rows, sample: Rows) -> float:
     Call it after `attitude_imu` with the same sample.
     """
     s, force = state[0], sample[0].specific_force_b_mps2
-    if _vehicle_serves(state):
+    if vehicle_serves(state):
         return _dot(force, s.attitude_vehicle_up_b) - s.attitude_gravity_mps2
     return _dot(force, s.attitude_up_b) - s.attitude_gravity_mps2
 
@@ -263,7 +270,8 @@ def attitude_vehicle(state: Rows, sample: Rows) -> None:
 
 
 @step
-def _vehicle_serves(state: Rows) -> bool:
+def vehicle_serves(state: Rows) -> bool:
+    """Whether the vehicle's attitude is fresh and agrees with our own."""
     s = state[0]
     fresh = s.attitude_vehicle_us >= 0 and s.attitude_us - s.attitude_vehicle_us <= VEHICLE_TIMEOUT_US
     return fresh and s.attitude_vehicle_trusted == 1
@@ -271,7 +279,7 @@ def _vehicle_serves(state: Rows) -> bool:
 
 @step
 def _up_in_use(state: Rows, axis: int) -> float:
-    return state[0].attitude_vehicle_up_b[axis] if _vehicle_serves(state) else state[0].attitude_up_b[axis]
+    return state[0].attitude_vehicle_up_b[axis] if vehicle_serves(state) else state[0].attitude_up_b[axis]
 
 
 @step
@@ -302,6 +310,7 @@ def _realign(state: Rows) -> None:
     s.attitude_force2_sum = 0.0
     s.attitude_rate2_sum = 0.0
     for i in range(3):
+        s.attitude_force_b_mps2[i] = math.nan
         s.attitude_up_b[i] = math.nan
         s.attitude_bearing_b[i] = math.nan
         s.attitude_force_sum[i] = 0.0
@@ -333,25 +342,29 @@ def _align(state: Rows, sample: Rows, elapsed_s: float) -> None:
         return
     force_var = s.attitude_force2_sum / count - support * support
     rate_var = s.attitude_rate2_sum / count - _dot(mean_rate, mean_rate)
-    at_rest = (
-        not s.attitude_speed_mps > REST_SPEED_MPS
-        and _dot(mean_rate, mean_rate) < REST_RATE_RADPS * REST_RATE_RADPS
+    quiet = (
+        _dot(mean_rate, mean_rate) < REST_RATE_RADPS * REST_RATE_RADPS
         and abs(support - s.attitude_gravity_mps2) < REST_SPREAD_MPS2
         and force_var < REST_SPREAD_MPS2 * REST_SPREAD_MPS2
         and rate_var < REST_RATE_SPREAD_RADPS * REST_RATE_SPREAD_RADPS
     )
+    if quiet and math.isnan(s.attitude_speed_mps) and s.attitude_waited_s < LONGEST_WAIT_S:
+        s.attitude_waited_s += s.attitude_window_s
+        _realign(state)
+        return
     up = s.attitude_up_b
     for i in range(3):
         up[i] = mean_force[i] / support
-    tilt_sd = REST_TILT_SD_RAD
-    if at_rest:
+        s.attitude_force_b_mps2[i] = mean_force[i]
+    tilt_sd = MOVING_TILT_SD_RAD
+    if quiet and not s.attitude_speed_mps > REST_SPEED_MPS:
+        tilt_sd = REST_TILT_SD_RAD
         s.attitude_bias_var = REST_BIAS_SD_RADPS * REST_BIAS_SD_RADPS
         for i in range(3):
             s.attitude_bias_b_radps[i] = mean_rate[i]
     elif math.isnan(s.attitude_along_mps2):
         tilt_sd = BLIND_TILT_SD_RAD
     else:
-        tilt_sd = MOVING_TILT_SD_RAD
         for _ in range(8):  # the acceleration's direction in the body needs the attitude that is sought
             _support(state, mean_force, up, up)
     s.attitude_tilt_var = tilt_sd * tilt_sd
@@ -389,15 +402,18 @@ def _correct(state: Rows, sample: Rows, elapsed_s: float) -> None:
     tilt += elapsed_s * (2.0 * cov + elapsed_s * bias + GYRO_NOISE_RADPS_RTHZ * GYRO_NOISE_RADPS_RTHZ)
     cov += elapsed_s * bias
     bias += elapsed_s * GYRO_WALK_RADPS_RTS * GYRO_WALK_RADPS_RTS
-    up, bearing = s.attitude_up_b, s.attitude_bearing_b
+    up, bearing, smooth = s.attitude_up_b, s.attitude_bearing_b, s.attitude_force_b_mps2
+    for i in range(3):
+        smooth[i] += min(1.0, elapsed_s / VIBRATION_TIME_S) * (sample[0].specific_force_b_mps2[i] - smooth[i])
     size = _support(state, sample[0].specific_force_b_mps2, up, bearing)
     if size >= LEAST_SUPPORT_MPS2:
         known = not math.isnan(s.attitude_along_mps2)
         error = BLIND_DISTURBANCE_MPS2
         if known:
             error = DISTURBANCE_MPS2 if s.attitude_speed_mps > REST_SPEED_MPS else REST_DISTURBANCE_MPS2
-        wrong = COMPENSATION_ERROR * math.hypot(s.attitude_along_mps2, s.attitude_across_mps2) if known else 0.0
-        excess = size - s.attitude_gravity_mps2
+        shown = math.hypot(s.attitude_along_mps2, s.attitude_across_mps2) if known else 0.0
+        wrong = COMPENSATION_ERROR * shown
+        excess = math.sqrt(_dot(smooth, smooth)) - math.hypot(s.attitude_gravity_mps2, shown)
         noise = (error * error + wrong * wrong + excess * excess) / (s.attitude_gravity_mps2 * s.attitude_gravity_mps2)
         noise *= 2.0 * DISTURBANCE_TIME_S / elapsed_s  # equal disturbances for a while: as many fewer measurements
         tilt_gain, bias_gain = tilt / (tilt + noise), cov / (tilt + noise)

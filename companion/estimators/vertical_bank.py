@@ -45,6 +45,7 @@ from companion.attitude import (
     attitude_vehicle,
     imu_can_be_integrated,
     up_acceleration_mps2,
+    vehicle_serves,
 )
 from companion.config import Settings
 from companion.estimators.method import (
@@ -100,11 +101,13 @@ from companion.estimators.vertical_integrity import (
     integrity_start,
     is_blamed,
     note_armed,
+    note_clipped,
     note_interval,
     note_repeat,
     protection_level_m,
     relearn_offset,
     rests,
+    rests_on_imu,
     sees_baro,
     separate,
     spread_m,
@@ -142,10 +145,11 @@ LOWEST_PA, HIGHEST_PA = 1_000.0, 120_000.0
 OUTPUT_US = 100_000
 """an estimate is no older than this while there is an IMU"""
 SOFT_SIGMA = 3.0
-CLIPPED_TO_RELEARN = 15
 NOISE_STEP = 0.1
 MEDIAN_TO_SD = 1.4826
 FASTEST_CLIMB_MPS = 200.0
+VAGUE_TILT_RAD = 0.2
+"""by which gravity alone shows 0.2 m/s2 too little: as much as the prior of the accelerometer's bias"""
 QNH_PA_PER_M = 12.0
 """of sea-level air"""
 
@@ -159,7 +163,6 @@ STATE = state_dtype(
     ("baro_m", "f8"),
     ("baro_path_m", "f8"),
     ("baro_median_m", "f8"),  # of the differences between consecutive heights beyond the motion
-    ("baro_clipped", "i8"),  # innovations beyond the gate in a row; the sign is their side
     ("fix_seen", "i8"),
     ("gnss_slow_m2", "f8"),
     ("innovation_m", "f8"),
@@ -304,7 +307,6 @@ def start(state: Rows, params: Rows) -> None:
     s.baro_seen = 0
     s.baro_pa, s.baro_m, s.baro_path_m = math.nan, math.nan, 0.0
     s.baro_median_m = params[0].baro_sd_m
-    s.baro_clipped = 0
     s.fix_seen = 0
     s.gnss_slow_m2 = 0.0
     s.innovation_m = math.nan
@@ -339,11 +341,14 @@ def on_imu(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
 
 @step
 def upward_mps2(state: Rows, params: Rows, sample: Rows) -> float:
-    """Upward acceleration by our own attitude; the vehicle's while ours is unknown, or if the settings say so."""
-    up, force = state[0].attitude_up_b, sample[0].specific_force_b_mps2
-    if params[0].vehicle_attitude == 1 or math.isnan(up[0]):
+    """Upward acceleration by our own attitude, or the vehicle's if the settings say so; NaN while that is vague."""
+    s, force = state[0], sample[0].specific_force_b_mps2
+    if params[0].vehicle_attitude == 1 and vehicle_serves(state):
         return up_acceleration_mps2(state, sample)
-    return force[0] * up[0] + force[1] * up[1] + force[2] * up[2] - state[0].attitude_gravity_mps2
+    if not s.attitude_tilt_var < VAGUE_TILT_RAD * VAGUE_TILT_RAD:
+        return math.nan
+    up = s.attitude_up_b
+    return force[0] * up[0] + force[1] * up[1] + force[2] * up[2] - s.attitude_gravity_mps2
 
 
 @step
@@ -395,7 +400,7 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     if is_blamed(state, BAROMETER):
         if not baro_comes_back(state, params, baro_m, white_m):
             verdict = GATED
-    elif watch_baro(state, baro_m, white_m * white_m):
+    elif watch_baro(state, params, baro_m, white_m * white_m):
         blame(state, BAROMETER)
         verdict = GATED
     if verdict == USED:
@@ -465,16 +470,13 @@ def baro_noise_m(state: Rows, params: Rows) -> float:
 def take_baro(state: Rows, baro_m: float, R: float) -> None:
     """Correct every channel that follows the barometer; the bank's weights move with the likelihood."""
     s = state[0]
+    s.baro_us = s.filter_us
     combine(state)
     innovation = baro_m - dot(s.H, s.average)
     if innovation * innovation <= SOFT_SIGMA * SOFT_SIGMA * (gather(s.cov, s.H, s.K) + R):
         s.baro_clipped = 0
     else:
-        side = 1 if innovation > 0.0 else -1
-        s.baro_clipped = s.baro_clipped + side if s.baro_clipped * side > 0 else side
-        if abs(s.baro_clipped) >= CLIPPED_TO_RELEARN:
-            s.baro_clipped = 0
-            relearn_offset(state, innovation * innovation)
+        note_clipped(state, innovation)
     for i in range(CHANNELS):
         if not follows_baro(i):
             continue
@@ -520,6 +522,10 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         expect_atmosphere(state, params, fix_m)
     elif not watch_fix(state, far):
         verdict = GATED
+    if verdict == GATED and rests_on_imu(state):
+        start(state, params)
+        forget(estimate)
+        return tally(state, GNSS, verdict)
     if verdict == USED:
         s.fix_seen, s.fix_us = 1, s.filter_us
         take_fix(state, fix_m, R)

@@ -9,13 +9,14 @@ barometer: `ONSET_FAILS` of ten innovations beyond four sigma   the barometer is
 on one side in the stiff copy, or their mean over two seconds
 beyond six of its own sigma, or the same value for ten of its
 own intervals while the vehicle moves
-four of five fixes beyond five sigma                            GNSS is wrong; but just after the barometer was
-                                                                blamed: two sensors contradict the IMU, so it is
+four of five fixes beyond five sigma                            GNSS is wrong; but while the barometer is blamed, and
+                                                                agrees or GNSS did not jump: the IMU is
 the bank parts from a copy without GNSS by five sigma, faster   GNSS is wrong, and the bank goes back to the youngest
 than weather can drift                                          copy from before
 the same, slower                                                weather: the spread grows, nobody is blamed
 four of five fixes beyond, and a second receiver agrees         the bank has drifted: nobody is blamed
 four of five fixes beyond, taking back what had parted          GNSS was wrong and is right again
+for `INERTIAL_US` no fix and no barometer height was believed   whoever was blamed, the height is lost: start anew
 ==============================================================  ================================================
 
 A sensor comes back by evidence: the barometer when it has followed the bank's motion for `STEADY_S` (its offset is
@@ -59,6 +60,7 @@ from companion.estimators.vertical_mixture import (
     TAKEOFF,
     combine,
     expect_weather,
+    tilt_mps2_squared,
 )
 from companion.estimators.vertical_spares import RECEIVER, a_witness_agrees
 from companion.jit import step
@@ -71,6 +73,7 @@ ONSET_TIME_S, ONSET_MEAN_SIGMA = 2.0, 6.0
 SCALE_TIME_S = 1.0
 """for so long does a climb that the air's scale feigns go unabsorbed in the stiff copy"""
 ALONE_US = 3_000_000
+CLIPPED_TO_RELEARN = 15
 CLIPPED_SIGMA = 3.0
 """no single innovation moves the mean by more"""
 FROZEN_INTERVALS, FROZEN_REPEATS = 10.0, 9
@@ -105,7 +108,8 @@ DEFENDED_SD_M = 30.0
 """a height without GNSS that is worse is of no use: better a GNSS that may be wrong"""
 INFLATED_TIME_S = 200.0
 TAKEN_BACK_M = 3.0
-IMU_SUSPECT_US = 30_000_000
+INERTIAL_US = 10_000_000
+"""for so long may the height rest on the IMU alone while there are fixes"""
 IMU_PENALTY_US = 30_000_000
 STIFF_OFFSET_WALK = 0.01
 STIFF_REFERENCE_M = 0.1
@@ -126,7 +130,9 @@ def integrity_fields() -> tuple[tuple[Any, ...], ...]:
         ("onset_mean", "f8"),
         ("baro_change_m", "f8"),  # from value to value, beyond the motion
         ("baro_jump_us", "i8"),  # when that was last more than noise
-        ("fix_us", "i8"),  # newest fix that was used
+        ("baro_clipped", "i8"),  # innovations beyond the bank's gate in a row; the sign is their side
+        ("fix_us", "i8"),  # newest fix that was used, and barometer height
+        ("baro_us", "i8"),
         ("stiff_seeded", "i8"),
         ("steady_us", "i8"),  # a blamed barometer follows the motion since, -1 not
         ("steady_m", "f8"),
@@ -162,8 +168,8 @@ def integrity_start(state: Rows, params: Rows) -> None:
     for i in range(s.blamed_us.size):
         s.blamed_us[i] = -1
     s.baro_value_us, s.baro_repeats, s.baro_interval_s, s.baro_frozen = -1, 0, math.nan, 0
-    s.onset_above, s.onset_below, s.onset_mean, s.stiff_seeded = 0, 0, 0.0, 0
-    s.baro_change_m, s.baro_jump_us, s.fix_us = 0.0, -ALONE_US, -ALONE_US
+    s.onset_above, s.onset_below, s.onset_mean, s.stiff_seeded, s.baro_clipped = 0, 0, 0.0, 0, 0
+    s.baro_change_m, s.baro_jump_us, s.fix_us, s.baro_us = 0.0, -ALONE_US, -ALONE_US, -ALONE_US
     s.steady_us, s.steady_m, s.smooth_m = -1, 0.0, 0.0
     s.failed_fixes, s.near_us, s.near_m = 0, -1, 0.0
     s.away_fixes, s.away_m, s.jumps_m, s.jumped_fixes, s.jump_m = 0, math.nan, 0.0, 0, 0.0
@@ -278,10 +284,14 @@ def seed_stiff(state: Rows, i: int, height_m: float, error_m: float) -> None:
 
 
 @step
-def watch_baro(state: Rows, baro_m: float, R: float) -> bool:
+def watch_baro(state: Rows, params: Rows, baro_m: float, R: float) -> bool:
     """Whether the barometer has just begun to be wrong, as the stiff copy sees it; that takes the measurement in.
 
-    Without GNSS it is the barometer against the IMU, and the one that stays bounded is believed, unless it jumped.
+    What may look so without being it: a climb that the air's scale feigns, and an attitude that is wrong in a turn.
+
+    A wrong acceleration a stays a / w2 of innovation, where the copy's bandwidth is w4 = noise of the acceleration over
+    that of the barometer. Without GNSS it is the barometer against the IMU, and the one that stays bounded is believed,
+    unless it jumped.
     """
     s = state[0]
     if s.stiff_seeded == 0:
@@ -293,18 +303,20 @@ def watch_baro(state: Rows, baro_m: float, R: float) -> bool:
     s.x[STIFF, SCALE] = s.average[SCALE]
     innovation = baro_m - dot(s.H, s.x[STIFF])
     S = R + gather(s.P[STIFF], s.H, s.K)
+    interval_s = 0.0 if math.isnan(s.baro_interval_s) else s.baro_interval_s
     by_scale_m = SCALE_TIME_S * s.average[CLIMB] * math.sqrt(s.cov[SCALE, SCALE])
-    normal = innovation / math.sqrt(S + by_scale_m * by_scale_m)
+    by_tilt_m2 = tilt_mps2_squared(state) * R * interval_s / (params[0].accel_noise_mps2 * params[0].accel_noise_mps2)
+    normal = innovation / math.sqrt(S + by_scale_m * by_scale_m + by_tilt_m2)
     kept = (1 << ONSET_OF) - 1
     s.onset_above = ((s.onset_above << 1) | (1 if normal > ONSET_SIGMA else 0)) & kept
     s.onset_below = ((s.onset_below << 1) | (1 if normal < -ONSET_SIGMA else 0)) & kept
-    share = min(1.0, (0.0 if math.isnan(s.baro_interval_s) else s.baro_interval_s) / ONSET_TIME_S)
+    share = min(1.0, interval_s / ONSET_TIME_S)
     s.onset_mean += share * (max(-CLIPPED_SIGMA, min(CLIPPED_SIGMA, normal)) - s.onset_mean)
     if abs(normal) <= ONSET_SIGMA:
         absorb(s.x[STIFF], s.P[STIFF], s.K, innovation, S)
     if abs(s.baro_change_m) > JUMP_SIGMA * math.sqrt(2.0 * R):
         s.baro_jump_us = s.filter_us
-    if s.filter_us - s.fix_us > ALONE_US and s.filter_us - s.baro_jump_us > ALONE_US:
+    if stands_alone(state):
         return False
     fails = max(bits(s.onset_above), bits(s.onset_below)) >= ONSET_FAILS
     mean_sd = math.sqrt(share / (2.0 - share))
@@ -344,6 +356,31 @@ def baro_comes_back(state: Rows, params: Rows, baro_m: float, white_m: float) ->
 
 
 @step
+def note_clipped(state: Rows, innovation_m: float) -> None:
+    """`CLIPPED_TO_RELEARN` innovations beyond the gate on one side: the barometer has another offset now.
+
+    If it came without a jump and without GNSS, it is the IMU that has carried the height away.
+    """
+    s = state[0]
+    side = 1 if innovation_m > 0.0 else -1
+    s.baro_clipped = s.baro_clipped + side if s.baro_clipped * side > 0 else side
+    if abs(s.baro_clipped) < CLIPPED_TO_RELEARN:
+        return
+    s.baro_clipped = 0
+    if stands_alone(state) and not is_blamed(state, INERTIAL):
+        blame_imu(state)
+    else:
+        relearn_offset(state, innovation_m * innovation_m)
+
+
+@step
+def stands_alone(state: Rows) -> bool:
+    """Whether it is the barometer against the IMU: no fix of late, and no jump of the barometer."""
+    s = state[0]
+    return s.filter_us - s.fix_us > ALONE_US and s.filter_us - s.baro_jump_us > ALONE_US
+
+
+@step
 def relearn_offset(state: Rows, variance_m2: float) -> None:
     """The barometer has jumped: its offset is unknown in every channel that follows it."""
     s = state[0]
@@ -374,17 +411,41 @@ def watch_fix(state: Rows, failed: bool) -> bool:
         s.failed_fixes = 0
         reopen(state, s.innovation_m)
         return True
-    if not is_blamed(state, BAROMETER):
+    jumped = abs(s.innovation_m - s.near_fix_m) > STEADY_GNSS_M
+    if not is_blamed(state, BAROMETER) or (jumped and not baro_agrees(state)):
         blame(state, GNSS_HEIGHT)
-        if s.silence_s > OUTAGE_S:
-            s.latched = -1
-        elif abs(s.innovation_m - s.near_fix_m) > STEADY_GNSS_M:
-            s.latched = 1
-    elif s.baro_frozen == 0 and s.filter_us - s.blamed_us[BAROMETER] < IMU_SUSPECT_US:
-        s.blamed_us[BAROMETER] = -1
-        blame(state, INERTIAL)
-        return_to(state, NO_IMU)
+        s.latched = -1 if s.silence_s > OUTAGE_S else 1 if jumped else 0
+    else:
+        blame_imu(state)
     return False
+
+
+@step
+def baro_agrees(state: Rows) -> bool:
+    """Whether the barometer, blamed or not, is as far from the bank as the newest fix is. Call it combined."""
+    s = state[0]
+    expected_m = s.average[HEIGHT] + s.average[OFFSET] + s.average[FAST]
+    away_m = s.baro_m + s.path_m - s.baro_path_m - expected_m
+    return abs(away_m - s.innovation_m) < STEADY_GNSS_M
+
+
+@step
+def blame_imu(state: Rows) -> None:
+    """The others contradict the IMU: the bank goes on without it, and with the barometer, unless that is frozen."""
+    s = state[0]
+    if s.baro_frozen == 0:
+        s.blamed_us[BAROMETER] = -1
+    blame(state, INERTIAL)
+    return_to(state, NO_IMU)
+    forget_copies(state)
+    s.stiff_seeded = 0
+
+
+@step
+def rests_on_imu(state: Rows) -> bool:
+    """Whether nothing but the IMU has been believed for too long."""
+    s = state[0]
+    return s.filter_us - max(s.fix_us, s.baro_us) > INERTIAL_US
 
 
 @step

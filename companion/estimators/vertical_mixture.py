@@ -183,6 +183,12 @@ def note_tilt(state: Rows, sample: Rows) -> None:
 
 
 @step
+def tilt_mps2_squared(state: Rows) -> float:
+    """Variance of the upward acceleration by a wrong attitude, now."""
+    return state[0].tilt_psd / (2.0 * DISTURBANCE_TIME_S)
+
+
+@step
 def known_displacement(state: Rows, time_us: int) -> float:
     """T V - (S(t) - S(t - T)) of `vertical_channel`, for a measurement of `time_us`, older than the channels."""
     s = state[0]

@@ -77,7 +77,7 @@ def fly(
         row = sample(Kind.IMU, time_us)
         row["specific_force_b_mps2"] = force + force_bias + 0.14 * rng.standard_normal(3)
         row["angular_rate_b_radps"] = rate + rate_bias + 0.0035 * rng.standard_normal(3)
-        if gnss and k % round(rate_hz / 5) == 0:
+        if gnss and k % max(1, round(rate_hz / 5)) == 0:
             then = flight(t)
             noisy = then.speed_mps + 0.05 * rng.standard_normal()
             fix = sample(
@@ -150,6 +150,35 @@ def test_accelerometer_bias_tilts_by_its_share_of_gravity() -> None:
     """No gravity reference can tell 0.1 m/s2 from 0.6 degrees."""
     _, out = fly(still(), 60.0, force_bias=(0.1, 0.0, 0.0))
     assert tilt_deg(out[-500:], still()).mean() == pytest.approx(math.degrees(0.1 / G_MPS2), abs=0.15)
+
+
+def test_a_steady_pitch_rate_is_not_taken_for_gyro_bias_before_gnss_says_that_it_rests() -> None:
+    """Started in a glide whose first fix comes three seconds late: as quiet as at rest, and turning slowly."""
+
+    def glide(t: float) -> Instant:
+        return Instant(speed_mps=25.0, pitch_rad=0.01 * t)
+
+    state, out = fly(glide, 3.0, rate_bias=(0.0, 0.01, 0.0), gnss=False)
+    assert np.isnan(out[:, 1]).all()
+    assert state["attitude_bias_b_radps"][0][1] == 0.0
+
+
+def test_without_gnss_what_is_quiet_rests_after_all() -> None:
+    _, out = fly(still(), 15.0, gnss=False)
+    assert np.isnan(out[: 10 * 50, 1]).all()
+    assert tilt_deg(out[12 * 50 :], still()).max() < 0.5
+
+
+def test_vibration_does_not_weaken_gravity() -> None:
+    """15 m/s2 of vibration average out: a gyro bias of a degree a second is learned all the same."""
+    rng = np.random.default_rng(1)
+
+    def shaken(t: float) -> Instant:
+        return Instant(along_mps2=15.0 * rng.standard_normal())
+
+    _, out = fly(shaken, 120.0, rate_bias=(0.0, 0.02, 0.0), gnss=False)
+    known = out[~np.isnan(out[:, 1])]
+    assert np.median(tilt_deg(known[-50 * 50 :], still())) < 15.0
 
 
 def test_takeoff_run_is_not_taken_for_pitch() -> None:
@@ -233,7 +262,7 @@ def test_a_silent_vehicle_leaves_our_own() -> None:
 
 @pytest.mark.parametrize(("rate_hz", "integrable"), [(1.0, 0), (4.0, 0), (8.0, 0), (10.0, 1), (50.0, 1), (400.0, 1)])
 def test_imu_rate(rate_hz: float, integrable: int) -> None:
-    state, out = fly(still(), max(3.0, 12.0 / rate_hz), rate_hz=rate_hz, gnss=False)
+    state, out = fly(still(), max(3.0, 12.0 / rate_hz), rate_hz=rate_hz)
     assert att.imu_can_be_integrated(state) == bool(integrable)
     assert state["attitude_interval_s"][0] == pytest.approx(1.0 / rate_hz, rel=1e-6)
     assert np.isfinite(out[-1, 1]) == bool(integrable)

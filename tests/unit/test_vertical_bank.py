@@ -250,6 +250,26 @@ def test_wrong_imu_is_blamed_by_the_two_others() -> None:
     assert np.abs(error[elapsed_s > 160.0]).max() < 4.0
 
 
+@pytest.mark.parametrize("wrong_mps2", [-15.0, -3.0, 3.0, 15.0])
+@pytest.mark.parametrize("outage_s", [0.0, 60.0])
+def test_an_imu_that_goes_wild_does_not_carry_the_height_away(wrong_mps2: float, outage_s: float) -> None:
+    """For a minute, and with GNSS or without: the others know better."""
+    made = flight(duration_s=300.0)
+    made.tables[Kind.IMU]["specific_force_b_mps2"][made.within(Kind.IMU, 120.0, 180.0), 2] -= wrong_mps2
+    made.drop(Kind.GNSS, 115.0, 115.0 + outage_s)
+    _, error, elapsed_s = fly(made)
+    assert np.abs(error[elapsed_s > 60.0]).max() < 25.0
+    assert np.abs(error[elapsed_s > 240.0]).max() < 8.0
+
+
+def test_nothing_but_the_imu_is_believed_for_ten_seconds_at_most() -> None:
+    """Both others jump at once, to where neither agrees with anything: a height that nothing supports is given up."""
+    made = flight(duration_s=300.0).change(Kind.PRESSURE, "pressure_pa", lambda p: p * 0 + 99_000.0, 120.0)
+    made.change(Kind.GNSS, "altitude_amsl_m", lambda h: h + 500.0, 120.0)
+    estimates, error, elapsed_s = fly(made)
+    assert abs(np.median(error[elapsed_s > 200.0]) - 500.0) < 10.0
+
+
 def with_spares(made: Flight, kind: Kind, offset: Any) -> Flight:
     """With a second instance of a sensor, a millisecond later and by `offset` different."""
     table = made.tables[kind]

@@ -82,6 +82,7 @@ from companion.estimators.vertical_channel import (
     gather,
     sees_climb,
     sees_height,
+    shrink,
 )
 from companion.estimators.vertical_integrity import (
     BAROMETER,
@@ -567,16 +568,24 @@ def white_fix_m2(params: Rows, sample: Rows) -> float:
 
 @step
 def expect_gnss(state: Rows, params: Rows, sample: Rows) -> float:
-    """Split the spread of a fix: the slow variance goes to every channel, the white one is returned."""
+    """Split the spread of a fix: the slow variance goes to every channel, the white one is returned.
+
+    A claim that gets worse adds variance. One that gets better says that the error has shrunk with it, though not by
+    how much exactly: it is as new as it is smaller.
+    """
     s, p = state[0], params[0]
     sd_m = gnss_sd_m(sample, 0.0, p.gnss_sd_unknown_m)
     slow_m = max(p.gnss_slow_floor_m, p.gnss_slow_ratio * sd_m)
     worse_m2 = max(0.0, slow_m * slow_m - s.gnss_slow_m2)
+    left = min(1.0, slow_m / math.sqrt(s.gnss_slow_m2)) if s.gnss_slow_m2 > 0.0 else 1.0
     s.gnss_slow_m2 = slow_m * slow_m
     for i in range(CHANNELS):
         s.steady[i, GNSS_BIAS] = s.gnss_slow_m2
         if follows_gnss(i):
             s.P[i, GNSS_BIAS, GNSS_BIAS] += worse_m2
+        s.x[i, GNSS_BIAS] *= left
+        shrink(s.P[i], GNSS_BIAS, left)
+        s.P[i, GNSS_BIAS, GNSS_BIAS] += (1.0 - left * left) * s.gnss_slow_m2
     return white_fix_m2(params, sample)
 
 

@@ -85,6 +85,19 @@ def test_vertical_velocity_helps() -> None:
     assert fly(with_climb)[0]["altitude_sd_m"][-1] < without_sd
 
 
+def test_a_claim_that_gets_better_takes_the_slow_error_with_it() -> None:
+    """The first minute of fixes slides from 700 m to the truth, and says so."""
+    made = flight(duration_s=200.0)
+    fixes = made.tables[Kind.GNSS]
+    left_m = 700.0 * np.clip(1.0 - made.elapsed_s(fixes["time_us"]) / 60.0, 0.0, 1.0)
+    fixes["altitude_amsl_m"] += left_m
+    fixes["vertical_sd_m"] = np.maximum(fixes["vertical_sd_m"], left_m)
+    estimates, error, elapsed_s = fly(made)
+    late = elapsed_s > 80.0
+    assert rms(error[late]) < 5.0
+    assert np.mean((error[late] / estimates["altitude_sd_m"][late]) ** 2) < 1.4
+
+
 def test_late_fixes_meet_their_own_time() -> None:
     """A fix that is 0.4 s old in a 4 m/s climb: uncompensated that is 1.6 m."""
     prompt, late = flight(duration_s=90.0, gnss_age_s=0.05), flight(duration_s=90.0, gnss_age_s=0.4)

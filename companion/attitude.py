@@ -201,6 +201,8 @@ def attitude_imu(state: Rows, sample: Rows) -> None:
     time_us = sample[0].time_us
     elapsed_s = (time_us - s.attitude_us) * 1e-6 if s.attitude_us >= 0 else math.nan
     s.attitude_us = time_us
+    if time_us - s.attitude_fix_us > LONGEST_FIX_US:
+        s.attitude_speed_mps, s.attitude_along_mps2, s.attitude_across_mps2 = math.nan, math.nan, math.nan
     _measure_interval(state, elapsed_s)
     rate, mean_rate = sample[0].angular_rate_b_radps, s.attitude_mean_rate_b_radps
     for i in range(3):
@@ -209,6 +211,7 @@ def attitude_imu(state: Rows, sample: Rows) -> None:
         s.attitude_rate_b_radps[i] = new
     if not elapsed_s <= LONGEST_STEP_S or s.attitude_integrable == 0:
         _realign(state)
+        s.attitude_waited_s = 0.0
         s.attitude_vehicle_us = -1
         s.attitude_vehicle_doubt_s = 0.0
         return
@@ -396,8 +399,6 @@ def _support(state: Rows, force: NDArray[Any], up: NDArray[Any], result: NDArray
 def _correct(state: Rows, sample: Rows, elapsed_s: float) -> None:
     """Two-state Kalman filter, tilt error and gyro bias, equal for every axis across ``up``."""
     s = state[0]
-    if s.attitude_us - s.attitude_fix_us > LONGEST_FIX_US:
-        s.attitude_along_mps2, s.attitude_across_mps2 = math.nan, math.nan
     tilt, cov, bias = s.attitude_tilt_var, s.attitude_tilt_bias_cov, s.attitude_bias_var
     tilt += elapsed_s * (2.0 * cov + elapsed_s * bias + GYRO_NOISE_RADPS_RTHZ * GYRO_NOISE_RADPS_RTHZ)
     cov += elapsed_s * bias

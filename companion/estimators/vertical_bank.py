@@ -16,8 +16,8 @@ Measurements
 ------------
 Pressure is geometric height of the standard atmosphere, h + o + e. Its noise is no less than the median of what
 consecutive heights differ by beyond the motion; beyond three sigma an innovation's variance is inflated (`inflated`),
-and after `CLIPPED_TO_RELEARN` such ones of one sign, or one after a silence, the offset is learned anew. The same value
-again is no measurement, unless the vehicle rests.
+and after fifteen such ones of one sign, or one after a silence, the offset is learned anew (`note_clipped`). The same
+value again is no measurement, unless the vehicle rests.
 
 GNSS height is h + g. Its spread is split into a slow part, which is the state g, and a white one; both have floors,
 since receivers claim decimetres with metres of error. Beyond five sigma a fix is refused. GNSS climb, where a source
@@ -88,7 +88,6 @@ from companion.estimators.vertical_integrity import (
     BAROMETER,
     FIX_SIGMA,
     GNSS_HEIGHT,
-    IMU_PENALTY_US,
     INERTIAL,
     baro_after_silence,
     baro_comes_back,
@@ -96,6 +95,8 @@ from companion.estimators.vertical_integrity import (
     blamed_now,
     follows_baro,
     follows_gnss,
+    forgive_imu,
+    give_up,
     gnss_comes_back,
     height_above_takeoff,
     integrity_fields,
@@ -151,6 +152,7 @@ MEDIAN_TO_SD = 1.4826
 FASTEST_CLIMB_MPS = 200.0
 VAGUE_TILT_RAD = 0.2
 """by which gravity alone shows 0.2 m/s2 too little: as much as the prior of the accelerometer's bias"""
+MUCH_BETTER = 2.0
 QNH_PA_PER_M = 12.0
 """of sea-level air"""
 
@@ -314,6 +316,18 @@ def start(state: Rows, params: Rows) -> None:
 
 
 @step
+def start_over(state: Rows, params: Rows) -> None:
+    """Nothing supports the height any more: forget it, and the attitude that may have carried it away."""
+    s = state[0]
+    give_up(state, params)
+    attitude_start(state)
+    s.baro_seen, s.fix_seen, s.gnss_slow_m2, s.innovation_m = 0, 0, 0.0, math.nan
+    s.baro_m, s.baro_path_m = math.nan, 0.0
+    if s.baro_frozen == 0:
+        s.baro_pa = math.nan
+
+
+@step
 def on_imu(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     """Attitude, upward acceleration, and its integral; between measurements the estimate goes on ten times a second."""
     s = state[0]
@@ -330,8 +344,6 @@ def on_imu(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         verdict = IGNORED
     elif is_blamed(state, INERTIAL):
         verdict, up_mps2 = GATED, math.nan
-        if s.filter_us - s.blamed_us[INERTIAL] > IMU_PENALTY_US:
-            s.blamed_us[INERTIAL] = -1
     note_tilt(state, sample)
     take_acceleration(state, params, time_us, up_mps2)
     if s.filter_us >= 0 and time_us - s.filter_us >= OUTPUT_US:
@@ -377,6 +389,7 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     returns = s.baro_seen == 1 and time_us - s.last_us[PRESSURE, 0] > SILENT_US
     place(state, PRESSURE, 0, time_us)
     advance(state, params, max(time_us, s.filter_us))
+    forgive_imu(state)
     sees_baro(state, (s.filter_us - time_us) * 1e-6)
     if sample[0].pressure_pa == s.baro_pa and not returns:
         note_repeat(state, time_us, s.path_m - s.baro_path_m)
@@ -497,13 +510,14 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     if verdict != USED:
         return tally(state, GNSS, verdict)
     if instance == 0 and time_us - s.last_us[GNSS, 0] > SILENT_US:
-        s.near_fix_m, s.latched = math.nan, 0
+        s.near_fix_m, s.latched, s.refused_us = math.nan, 0, -1
         s.silence_s = (time_us - s.last_us[GNSS, 0]) * 1e-6
     place(state, GNSS, instance, time_us)
     silent = time_us - s.last_us[GNSS, 0] > SILENT_US
     if instance == 0 or silent:
         attitude_gnss(state, sample)
     advance(state, params, max(time_us, s.filter_us))
+    forgive_imu(state)
     late_s = (s.filter_us - time_us) * 1e-6
     fix_m = sample[0].altitude_amsl_m - known_displacement(state, time_us)
     sees_height(s.H, late_s)
@@ -511,9 +525,11 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     combine(state)
     if instance != 0:
         return tally(state, GNSS, on_spare_fix(state, params, sample, estimate, fix_m, silent))
-    R = expect_gnss(state, params, sample)
     s.innovation_m = fix_m - dot(s.H, s.average)
-    far = s.innovation_m * s.innovation_m > FIX_SIGMA * FIX_SIGMA * (R + gather(s.cov, s.H, s.K))
+    R = white_fix_m2(params, sample)
+    admitted_m2 = max(0.0, slow_fix_m2(params, sample) - s.gnss_slow_m2)
+    S = R + admitted_m2 + gather(s.cov, s.H, s.K)
+    far = s.innovation_m * s.innovation_m > FIX_SIGMA * FIX_SIGMA * S
     if is_blamed(state, GNSS_HEIGHT):
         if not gnss_comes_back(state, s.innovation_m, R):
             verdict = GATED
@@ -523,14 +539,17 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         expect_atmosphere(state, params, fix_m)
     elif not watch_fix(state, far):
         verdict = GATED
-    if verdict == GATED and rests_on_imu(state):
-        start(state, params)
-        forget(estimate)
-        return tally(state, GNSS, verdict)
     if verdict == USED:
-        s.fix_seen, s.fix_us = 1, s.filter_us
+        expect_gnss(state, slow_fix_m2(params, sample), params[0].gnss_time_s)
+        s.fix_seen, s.fix_us, s.refused_us = 1, s.filter_us, -1
         take_fix(state, fix_m, R)
         take_climb(state, params, sample[0].climb_mps, late_s)
+    elif s.refused_us < 0:
+        s.refused_us = s.filter_us
+    if rests_on_imu(state):
+        start_over(state, params)
+        forget(estimate)
+        return tally(state, GNSS, verdict)
     combine(state)
     separate(state, params)
     write_estimate(state, params, estimate)
@@ -545,7 +564,7 @@ def on_spare_fix(state: Rows, params: Rows, sample: Rows, estimate: Rows, fix_m:
         return IGNORED
     away_m = compare_spare(state, RECEIVER, instance, fix_m - dot(s.H, s.average))
     stands_in = silent or is_blamed(state, GNSS_HEIGHT)
-    R = expect_gnss(state, params, sample) if stands_in else white_fix_m2(params, sample)
+    R = white_fix_m2(params, sample)
     if abs(away_m) > FAR_SIGMA * math.sqrt(gather(s.cov, s.H, s.K) + R):
         return GATED
     if not stands_in:
@@ -553,6 +572,7 @@ def on_spare_fix(state: Rows, params: Rows, sample: Rows, estimate: Rows, fix_m:
         return USED
     if not is_settled(state, RECEIVER, instance):
         return GATED
+    expect_gnss(state, slow_fix_m2(params, sample), params[0].gnss_time_s)
     s.spare_us[RECEIVER, instance], s.fix_us = sample[0].time_us, s.filter_us
     take_fix(state, fix_m - s.spare_offset_m[RECEIVER, instance], R)
     write_estimate(state, params, estimate)
@@ -567,26 +587,35 @@ def white_fix_m2(params: Rows, sample: Rows) -> float:
 
 
 @step
-def expect_gnss(state: Rows, params: Rows, sample: Rows) -> float:
-    """Split the spread of a fix: the slow variance goes to every channel, the white one is returned.
+def slow_fix_m2(params: Rows, sample: Rows) -> float:
+    """Slow variance of a fix: another share of it."""
+    p = params[0]
+    return max(p.gnss_slow_floor_m, p.gnss_slow_ratio * gnss_sd_m(sample, 0.0, p.gnss_sd_unknown_m)) ** 2
 
-    A claim that gets worse adds variance. One that gets better says that the error has shrunk with it, though not by
-    how much exactly: it is as new as it is smaller.
+
+@step
+def expect_gnss(state: Rows, slow_m2: float, gnss_time_s: float) -> None:
+    """The slow variance that a receiver claims now goes to every channel; call it before the fix is taken.
+
+    A claim that gets worse adds what it is worse by. One that gets better by `MUCH_BETTER` and more says that the error
+    has shrunk with it, though not by how much exactly: it is as new as it is smaller. One that gets a little better may
+    get worse again; it is believed as slowly as the error changes.
     """
-    s, p = state[0], params[0]
-    sd_m = gnss_sd_m(sample, 0.0, p.gnss_sd_unknown_m)
-    slow_m = max(p.gnss_slow_floor_m, p.gnss_slow_ratio * sd_m)
-    worse_m2 = max(0.0, slow_m * slow_m - s.gnss_slow_m2)
-    left = min(1.0, slow_m / math.sqrt(s.gnss_slow_m2)) if s.gnss_slow_m2 > 0.0 else 1.0
-    s.gnss_slow_m2 = slow_m * slow_m
+    s = state[0]
+    before_m2 = s.gnss_slow_m2
+    much_better = slow_m2 * MUCH_BETTER * MUCH_BETTER < before_m2
+    if slow_m2 > before_m2 or much_better:
+        s.gnss_slow_m2 = slow_m2
+    else:
+        s.gnss_slow_m2 += min(1.0, (s.filter_us - s.fix_us) * 1e-6 / gnss_time_s) * (slow_m2 - before_m2)
+    left2 = slow_m2 / before_m2 if much_better else 1.0
     for i in range(CHANNELS):
         s.steady[i, GNSS_BIAS] = s.gnss_slow_m2
+        s.x[i, GNSS_BIAS] *= math.sqrt(left2)
+        shrink(s.P[i], GNSS_BIAS, math.sqrt(left2))
+        s.P[i, GNSS_BIAS, GNSS_BIAS] += (1.0 - left2) * slow_m2
         if follows_gnss(i):
-            s.P[i, GNSS_BIAS, GNSS_BIAS] += worse_m2
-        s.x[i, GNSS_BIAS] *= left
-        shrink(s.P[i], GNSS_BIAS, left)
-        s.P[i, GNSS_BIAS, GNSS_BIAS] += (1.0 - left * left) * s.gnss_slow_m2
-    return white_fix_m2(params, sample)
+            s.P[i, GNSS_BIAS, GNSS_BIAS] += max(0.0, slow_m2 - before_m2)
 
 
 @step

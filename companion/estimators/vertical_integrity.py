@@ -15,8 +15,10 @@ the bank parts from a copy without GNSS by five sigma, faster   GNSS is wrong, a
 than weather can drift                                          copy from before
 the same, slower                                                weather: the spread grows, nobody is blamed
 four of five fixes beyond, and a second receiver agrees         the bank has drifted: nobody is blamed
+fifteen barometer heights beyond three sigma without a jump,    the IMU is wrong; if it was the barometer after all,
+and without GNSS for `ALONE_US`                                 the fixes that come later are believed
 four of five fixes beyond, taking back what had parted          GNSS was wrong and is right again
-for `INERTIAL_US` no fix and no barometer height was believed   whoever was blamed, the height is lost: start anew
+fixes were refused for `INERTIAL_US`, barometer heights too     whoever was blamed, the height is lost: start anew
 ==============================================================  ================================================
 
 A sensor comes back by evidence: the barometer when it has followed the bank's motion for `STEADY_S` (its offset is
@@ -60,6 +62,9 @@ from companion.estimators.vertical_mixture import (
     TAKEOFF,
     combine,
     expect_weather,
+    inertial_psd,
+    is_inertial,
+    mixture_start,
     tilt_mps2_squared,
 )
 from companion.estimators.vertical_spares import RECEIVER, a_witness_agrees
@@ -133,6 +138,8 @@ def integrity_fields() -> tuple[tuple[Any, ...], ...]:
         ("baro_clipped", "i8"),  # innovations beyond the bank's gate in a row; the sign is their side
         ("fix_us", "i8"),  # newest fix that was used, and barometer height
         ("baro_us", "i8"),
+        ("refused_us", "i8"),  # the first fix that was refused since one was used, -1 none
+        ("unwitnessed", "i8"),  # the IMU was blamed on the word of the barometer alone, and no fix has agreed since
         ("stiff_seeded", "i8"),
         ("steady_us", "i8"),  # a blamed barometer follows the motion since, -1 not
         ("steady_m", "f8"),
@@ -170,6 +177,7 @@ def integrity_start(state: Rows, params: Rows) -> None:
     s.baro_value_us, s.baro_repeats, s.baro_interval_s, s.baro_frozen = -1, 0, math.nan, 0
     s.onset_above, s.onset_below, s.onset_mean, s.stiff_seeded, s.baro_clipped = 0, 0, 0.0, 0, 0
     s.baro_change_m, s.baro_jump_us, s.fix_us, s.baro_us = 0.0, -ALONE_US, -ALONE_US, -ALONE_US
+    s.refused_us, s.unwitnessed = -1, 0
     s.steady_us, s.steady_m, s.smooth_m = -1, 0.0, 0.0
     s.failed_fixes, s.near_us, s.near_m = 0, -1, 0.0
     s.away_fixes, s.away_m, s.jumps_m, s.jumped_fixes, s.jump_m = 0, math.nan, 0.0, 0, 0.0
@@ -196,12 +204,21 @@ def blame(state: Rows, fault: int) -> None:
     """From now on a sensor is wrong."""
     s = state[0]
     s.blamed_us[fault] = s.filter_us
-    s.steady_us, s.near_us = -1, -1
-    s.failed_fixes, s.latched = 0, 0
-    s.away_fixes, s.jumps_m, s.jumped_fixes, s.jump_m = 0, 0.0, 0, 0.0
-    if fault == BAROMETER:
-        s.stiff_seeded = 0
+    s.failed_fixes = 0
+    if fault == GNSS_HEIGHT:
+        s.near_us, s.latched = -1, 0
+        s.away_fixes, s.jumps_m, s.jumped_fixes, s.jump_m = 0, 0.0, 0, 0.0
+    elif fault == BAROMETER:
+        s.steady_us, s.stiff_seeded = -1, 0
         hand_over(state)
+
+
+@step
+def forgive_imu(state: Rows) -> None:
+    """The IMU is on trial again after a while, whether it has been heard since or not."""
+    s = state[0]
+    if is_blamed(state, INERTIAL) and s.filter_us - s.blamed_us[INERTIAL] > IMU_PENALTY_US:
+        s.blamed_us[INERTIAL] = -1
 
 
 @step
@@ -235,7 +252,8 @@ def note_repeat(state: Rows, time_us: int, moved_m: float) -> None:
     """The same value again: frozen, if for ten of the sensor's own intervals, while the vehicle moved."""
     s = state[0]
     s.baro_repeats += 1
-    long = (time_us - s.baro_value_us) * 1e-6 >= FROZEN_INTERVALS * s.baro_interval_s
+    interval_s = REST_S if math.isnan(s.baro_interval_s) else s.baro_interval_s
+    long = (time_us - s.baro_value_us) * 1e-6 >= FROZEN_INTERVALS * interval_s
     if long and s.baro_repeats >= FROZEN_REPEATS and abs(moved_m) > FROZEN_MOTION_M and not is_blamed(state, BAROMETER):
         s.baro_frozen = 1
         blame(state, BAROMETER)
@@ -305,7 +323,8 @@ def watch_baro(state: Rows, params: Rows, baro_m: float, R: float) -> bool:
     S = R + gather(s.P[STIFF], s.H, s.K)
     interval_s = 0.0 if math.isnan(s.baro_interval_s) else s.baro_interval_s
     by_scale_m = SCALE_TIME_S * s.average[CLIMB] * math.sqrt(s.cov[SCALE, SCALE])
-    by_tilt_m2 = tilt_mps2_squared(state) * R * interval_s / (params[0].accel_noise_mps2 * params[0].accel_noise_mps2)
+    tilt2 = tilt_mps2_squared(state)
+    by_tilt_m2 = tilt2 * R * interval_s / inertial_psd(state, params) if tilt2 > 0.0 else 0.0
     normal = innovation / math.sqrt(S + by_scale_m * by_scale_m + by_tilt_m2)
     kept = (1 << ONSET_OF) - 1
     s.onset_above = ((s.onset_above << 1) | (1 if normal > ONSET_SIGMA else 0)) & kept
@@ -359,7 +378,8 @@ def baro_comes_back(state: Rows, params: Rows, baro_m: float, white_m: float) ->
 def note_clipped(state: Rows, innovation_m: float) -> None:
     """`CLIPPED_TO_RELEARN` innovations beyond the gate on one side: the barometer has another offset now.
 
-    If it came without a jump and without GNSS, it is the IMU that has carried the height away.
+    If it came without a jump and without GNSS, it is held that the IMU has carried the height away, since that has no
+    bound; the fixes that come later will tell.
     """
     s = state[0]
     side = 1 if innovation_m > 0.0 else -1
@@ -367,8 +387,9 @@ def note_clipped(state: Rows, innovation_m: float) -> None:
     if abs(s.baro_clipped) < CLIPPED_TO_RELEARN:
         return
     s.baro_clipped = 0
-    if stands_alone(state) and not is_blamed(state, INERTIAL):
+    if stands_alone(state) and is_inertial(state):
         blame_imu(state)
+        s.unwitnessed = 1
     else:
         relearn_offset(state, innovation_m * innovation_m)
 
@@ -400,8 +421,14 @@ def watch_fix(state: Rows, failed: bool) -> bool:
     s = state[0]
     s.failed_fixes = ((s.failed_fixes << 1) | (1 if failed else 0)) & ((1 << FIXES) - 1)
     if not failed:
-        s.near_fix_m, s.silence_s = s.innovation_m, 0.0
-    if bits(s.failed_fixes) < FAILED_FIXES or is_blamed(state, INERTIAL):
+        s.near_fix_m, s.silence_s, s.unwitnessed = s.innovation_m, 0.0, 0
+    if bits(s.failed_fixes) < FAILED_FIXES:
+        return not failed
+    if s.unwitnessed == 1:
+        s.failed_fixes, s.unwitnessed = 0, 0
+        reopen_bank(state, s.innovation_m)
+        return True
+    if is_blamed(state, INERTIAL):
         return not failed
     if abs(s.excess_m) > TAKEN_BACK_M and s.excess_m * s.innovation_m < 0.0:
         s.failed_fixes, s.excess_m = 0, 0.0
@@ -412,7 +439,8 @@ def watch_fix(state: Rows, failed: bool) -> bool:
         reopen(state, s.innovation_m)
         return True
     jumped = abs(s.innovation_m - s.near_fix_m) > STEADY_GNSS_M
-    if not is_blamed(state, BAROMETER) or (jumped and not baro_agrees(state)):
+    others_agree = is_blamed(state, BAROMETER) and (baro_agrees(state) or not jumped)
+    if not others_agree or not is_inertial(state):
         blame(state, GNSS_HEIGHT)
         s.latched = -1 if s.silence_s > OUTAGE_S else 1 if jumped else 0
     else:
@@ -443,9 +471,25 @@ def blame_imu(state: Rows) -> None:
 
 @step
 def rests_on_imu(state: Rows) -> bool:
-    """Whether nothing but the IMU has been believed for too long."""
+    """Whether fixes have been refused for too long while no barometer height was believed either."""
     s = state[0]
-    return s.filter_us - max(s.fix_us, s.baro_us) > INERTIAL_US
+    return s.refused_us >= 0 and s.filter_us - max(s.refused_us, s.baro_us) > INERTIAL_US
+
+
+@step
+def give_up(state: Rows, params: Rows) -> None:
+    """The height is lost: start anew with all that is not a height. A frozen barometer stays frozen."""
+    s = state[0]
+    reference_m, armed, takeoff_us = s.takeoff_reference_m, s.armed, s.takeoff_us
+    frozen, frozen_us = s.baro_frozen, s.blamed_us[BAROMETER]
+    interval_s, value_us, repeats = s.baro_interval_s, s.baro_value_us, s.baro_repeats
+    mixture_start(state, params)
+    integrity_start(state, params)
+    s.takeoff_reference_m, s.armed, s.takeoff_us = reference_m, armed, takeoff_us
+    s.takeoff_handed_over = 1 if takeoff_us >= 0 else 0
+    s.baro_interval_s, s.baro_value_us, s.baro_repeats = interval_s, value_us, repeats
+    if frozen == 1:
+        s.baro_frozen, s.blamed_us[BAROMETER] = frozen, frozen_us
 
 
 @step
@@ -516,18 +560,30 @@ def note_jump(state: Rows, away_m: float, R: float) -> None:
 @step
 def reopen(state: Rows, away_m: float) -> None:
     """The height has drifted this far, and the offset with it, since what the barometer reads stays explained."""
-    s = state[0]
-    variance_m2 = away_m * away_m
     forget_copies(state)
     for i in range(CHANNELS):
         if not follows_gnss(i):
-            continue
-        s.P[i, HEIGHT, HEIGHT] += variance_m2
-        if follows_baro(i):
-            s.P[i, OFFSET, OFFSET] += variance_m2
-            s.P[i, HEIGHT, OFFSET] -= variance_m2
-            s.P[i, OFFSET, HEIGHT] -= variance_m2
-            s.P[i, RATE, RATE] += s.steady[i, RATE]
+            reopen_channel(state, i, away_m * away_m)
+
+
+@step
+def reopen_bank(state: Rows, away_m: float) -> None:
+    """The same for everybody: it is the bank that has drifted."""
+    forget_copies(state)
+    for i in range(CHANNELS):
+        reopen_channel(state, i, away_m * away_m)
+
+
+@step
+def reopen_channel(state: Rows, i: int, variance_m2: float) -> None:
+    """Height and offset are in doubt together: their sum, which the barometer reads, is not."""
+    s = state[0]
+    s.P[i, HEIGHT, HEIGHT] += variance_m2
+    if follows_baro(i):
+        s.P[i, OFFSET, OFFSET] += variance_m2
+        s.P[i, HEIGHT, OFFSET] -= variance_m2
+        s.P[i, OFFSET, HEIGHT] -= variance_m2
+        s.P[i, RATE, RATE] += s.steady[i, RATE]
 
 
 @step

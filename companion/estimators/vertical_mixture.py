@@ -135,8 +135,7 @@ def integrate(state: Rows, params: Rows, to_us: int) -> None:
     up = s.up_mps2 if seen else 0.0
     psd = p.blind_noise_mps2 * p.blind_noise_mps2
     if seen:
-        noise = p.accel_noise_mps2 * max(1.0, s.attitude_interval_s / NORMAL_INTERVAL_S)
-        psd = min(psd, noise * noise + p.tilt_ratio * s.tilt_psd)
+        psd = min(psd, inertial_psd(state, params) + p.tilt_ratio * s.tilt_psd)
     s.gained_h += s.gained_v * dt + 0.5 * up * dt * dt
     s.gained_v += up * dt
     s.gained_psd += psd * dt
@@ -146,6 +145,20 @@ def integrate(state: Rows, params: Rows, to_us: int) -> None:
     newest_us = s.fallen_us[(s.fallen_us[RING_SIZE] + RING_SIZE - 1) % RING_SIZE]
     if to_us - newest_us >= RING_SPACING_US:
         push(s.fallen_us, s.fallen_values, to_us, s.S)
+
+
+@step
+def inertial_psd(state: Rows, params: Rows) -> float:
+    """Spectral density of the upward acceleration's noise at the present rate of the IMU, m2/s3."""
+    noise = params[0].accel_noise_mps2 * max(1.0, state[0].attitude_interval_s / NORMAL_INTERVAL_S)
+    return noise * noise
+
+
+@step
+def is_inertial(state: Rows) -> bool:
+    """Whether an upward acceleration is known now."""
+    s = state[0]
+    return not math.isnan(s.up_mps2) and s.filter_us - s.up_us <= BLIND_US
 
 
 @step
@@ -185,7 +198,7 @@ def note_tilt(state: Rows, sample: Rows) -> None:
 @step
 def tilt_mps2_squared(state: Rows) -> float:
     """Variance of the upward acceleration by a wrong attitude, now."""
-    return state[0].tilt_psd / (2.0 * DISTURBANCE_TIME_S)
+    return state[0].tilt_psd / (2.0 * DISTURBANCE_TIME_S) if is_inertial(state) else 0.0
 
 
 @step

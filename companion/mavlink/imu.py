@@ -25,9 +25,10 @@ PRIORITY = {
 SOURCE_TIMEOUT_US = 2_000_000
 GRAVITY_WINDOW_US = 10_000_000
 GRAVITY_SPACING_US = 100_000
+KNOWN_AFTER_US = 5_000_000
 LOWEST_G, HIGHEST_G = 0.8, 1.25
 LOWEST_BORNE_G, HIGHEST_BORNE_G = 0.2, 8.0
-"""for seconds on end: a turn at 45 degrees of bank feels 1.4 g, a fighter on its runway 1.6"""
+"""for seconds on end, once gravity has been seen: 1.4 g in a turn at 45 degrees of bank, 1.6 on a fighter's runway"""
 RAW_SCALES = {
     mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: MILLI_G,
     mavlink.MAV_AUTOPILOT_PX4: MILLI_MPS2,
@@ -53,7 +54,8 @@ class GravityCheck:
             window.append((time_us, force_mps2))
             while time_us - window[0][0] > GRAVITY_WINDOW_US:
                 window.popleft()
-            lowest_g, highest_g = (LOWEST_BORNE_G, HIGHEST_BORNE_G) if self._plausible else (LOWEST_G, HIGHEST_G)
+            known = self._plausible and time_us - window[0][0] >= KNOWN_AFTER_US
+            lowest_g, highest_g = (LOWEST_BORNE_G, HIGHEST_BORNE_G) if known else (LOWEST_G, HIGHEST_G)
             self._plausible = lowest_g * G0_MPS2 <= median(force for _, force in window) <= highest_g * G0_MPS2
         return self._plausible
 

@@ -144,7 +144,8 @@ class TrueAir(NamedTuple):
     """What a perfect meteorologist aboard would say."""
 
     qnh_pa: float
-    """what an altimeter has to be set to for it to show, on the field, the field's elevation"""
+    """what an altimeter has to be set to for it to show, on a field as high as the runway below the aircraft, its
+    elevation"""
     sea_level_pa: float
     """of the column the aircraft is in (QFF); QNH but for the temperature of the air below the field"""
     offset_k: float

@@ -69,23 +69,27 @@ class Metar(Settings):
         column.solve(0.0, 0.0)
         usual_k, standard_pa = column.at(elevation_m, 1.0).temperature_k, Column().at(elevation_m, 1.0).pressure_pa
         day = Day([], [], [], [], [])
-        offset_k = humidity = 0.0
-        for report in parse(self.reports):
-            time_s = report.time_s / self.hurry
+        reports = [(report.time_s / self.hurry, report) for report in parse(self.reports)]
+        for time_s, report in reports:
             if report.temperature_k is not None:
-                offset_k = report.temperature_k - usual_k
-                day.offset_k.append((time_s, offset_k))
+                day.offset_k.append((time_s, report.temperature_k - usual_k))
                 if report.dew_point_k is not None:
                     humidity = _relative_humidity(report.temperature_k, report.dew_point_k)
                     day.relative_humidity.append((time_s, humidity))
-            if report.qnh_hpa is not None:
-                column.solve(offset_k, humidity)
-                station_hpa = report.qnh_hpa * standard_pa
-                day.sea_level_hpa.append((time_s, station_hpa / column.at(elevation_m, 1.0).pressure_pa))
             if report.wind_mps is not None:
                 day.north_mps.append((time_s, report.wind_mps[0]))
                 day.east_mps.append((time_s, report.wind_mps[1]))
+        for time_s, report in reports:
+            if report.qnh_hpa is not None:  # through the air that will be flown in, which other reports may tell
+                column.solve(_at(day.offset_k, time_s), _at(day.relative_humidity, time_s))
+                station_hpa = report.qnh_hpa * standard_pa
+                day.sea_level_hpa.append((time_s, station_hpa / column.at(elevation_m, 1.0).pressure_pa))
         return day
+
+
+def _at(points: Points, time_s: float) -> float:
+    """Between the points as the weather goes; 0 if nobody told."""
+    return float(np.interp(time_s, *zip(*points, strict=True))) if points else 0.0
 
 
 def _relative_humidity(temperature_k: float, dew_point_k: float) -> float:

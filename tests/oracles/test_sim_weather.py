@@ -354,6 +354,19 @@ def test_a_day_in_a_hurry() -> None:
     assert fast.at(180.0) == slow.at(1800.0)
 
 
+@pytest.mark.parametrize("elevation_m", [300.0, 1707.0])
+def test_a_report_without_temperature_keeps_its_qnh(elevation_m: float) -> None:
+    """It is reduced with the air that will be flown in, between the reports that tell it."""
+    said = {10: "20/18", 11: "/////", 12: "00/M10"}
+    reports = [f"LOWW 12{hour}00Z 18005KT CAVOK {air} Q1010" for hour, air in said.items()]
+    aircraft = Aircraft(field_elevation_m=elevation_m)
+    weather = Weather(config(metar={"reports": reports}), aircraft)
+    for time_s in (0.0, 3600.0, 7200.0):
+        weather.update(time_s)
+        aircraft.advance(2)
+        assert weather.truth(aircraft.truth()).qnh_pa == pytest.approx(101_000.0, abs=5.0)
+
+
 def test_metars_need_no_clock_of_the_host(monkeypatch: pytest.MonkeyPatch) -> None:
     first = parse(DAY)
     monkeypatch.setenv("TZ", "Asia/Tokyo")

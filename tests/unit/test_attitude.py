@@ -176,9 +176,19 @@ def test_vibration_does_not_weaken_gravity() -> None:
     def shaken(t: float) -> Instant:
         return Instant(along_mps2=15.0 * rng.standard_normal())
 
-    _, out = fly(shaken, 120.0, rate_bias=(0.0, 0.02, 0.0), gnss=False)
-    known = out[~np.isnan(out[:, 1])]
-    assert np.median(tilt_deg(known[-50 * 50 :], still())) < 15.0
+    state, _ = fly(shaken, 180.0, rate_bias=(0.0, 0.02, 0.0), gnss=False)
+    assert state["attitude_bias_b_radps"][0][1] == pytest.approx(0.02, abs=0.004)
+
+
+def test_a_speed_from_before_a_gap_says_nothing_about_rest() -> None:
+    state, _ = fly(still(), 10.0)
+
+    def gentle(t: float) -> Instant:
+        return Instant(speed_mps=30.0, course_rad=0.05 * t, course_rate_radps=0.05)
+
+    state, _ = fly(gentle, 1.5, start_s=120.0, state=state, gnss=False)
+    assert math.isnan(state["attitude_up_b"][0][0])
+    assert abs(state["attitude_bias_b_radps"][0][2]) < 0.01
 
 
 def test_takeoff_run_is_not_taken_for_pitch() -> None:

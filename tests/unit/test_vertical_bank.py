@@ -98,6 +98,24 @@ def test_a_claim_that_gets_better_takes_the_slow_error_with_it() -> None:
     assert np.mean((error[late] / estimates["altitude_sd_m"][late]) ** 2) < 1.4
 
 
+@pytest.mark.parametrize("claims_m", [(9.0, 9.0), (8.1, 9.9), (8.0, 10.0)])
+def test_a_claim_that_jitters_does_not_whiten_the_slow_error(claims_m: tuple[float, float]) -> None:
+    """Six metres that wander for four minutes stay six metres, however the claim jitters around them."""
+    nees = []
+    for seed in range(6):
+        made = flight(duration_s=300.0)
+        fixes, rng = made.tables[Kind.GNSS], np.random.default_rng(seed)
+        keep, wander_m = np.exp(-0.2 / 250.0), 6.0 * rng.standard_normal()
+        for k in range(fixes.size):
+            wander_m = keep * wander_m + 6.0 * np.sqrt(1.0 - keep**2) * rng.standard_normal()
+            fixes["altitude_amsl_m"][k] += wander_m
+            fixes["vertical_sd_m"][k] = claims_m[k % 2]
+        estimates, error, elapsed_s = fly(made)
+        late = elapsed_s > 100.0
+        nees.append(np.mean((error[late] / estimates["altitude_sd_m"][late]) ** 2))
+    assert 0.2 < np.mean(nees) < 2.0
+
+
 def test_late_fixes_meet_their_own_time() -> None:
     """A fix that is 0.4 s old in a 4 m/s climb: uncompensated that is 1.6 m."""
     prompt, late = flight(duration_s=90.0, gnss_age_s=0.05), flight(duration_s=90.0, gnss_age_s=0.4)
@@ -275,12 +293,54 @@ def test_an_imu_that_goes_wild_does_not_carry_the_height_away(wrong_mps2: float,
     assert np.abs(error[elapsed_s > 240.0]).max() < 8.0
 
 
+def lost() -> Flight:
+    """The barometer freezes in the climb, and GNSS jumps 200 m for the rest of the flight."""
+    made = flight(duration_s=300.0).change(Kind.PRESSURE, "pressure_pa", lambda p: p * 0 + p[0], 50.0)
+    return made.change(Kind.GNSS, "altitude_amsl_m", lambda h: h + 200.0, 80.0)
+
+
 def test_nothing_but_the_imu_is_believed_for_ten_seconds_at_most() -> None:
-    """Both others jump at once, to where neither agrees with anything: a height that nothing supports is given up."""
-    made = flight(duration_s=300.0).change(Kind.PRESSURE, "pressure_pa", lambda p: p * 0 + 99_000.0, 120.0)
-    made.change(Kind.GNSS, "altitude_amsl_m", lambda h: h + 500.0, 120.0)
+    """A height that nothing supports is given up: unknown first, and then that of whoever still tells one."""
+    estimates, error, elapsed_s = fly(lost())
+    assert np.abs(error[(elapsed_s > 60.0) & (elapsed_s < 88.0)]).max() < 10.0
+    assert np.abs(error[elapsed_s > 95.0] - 200.0).max() < 10.0
+    given_up = estimates["altitude_sd_m"][(elapsed_s > 88.0) & (elapsed_s < 95.0)]
+    assert given_up.max() > 100.0, "nothing is known until the next fix"
+    assert set(estimates["faulty"][elapsed_s > 95.0]) == {Fault.BAROMETER}, "which stays frozen"
+
+
+def test_height_above_takeoff_outlives_a_height_that_was_given_up() -> None:
+    made = lost()
+    estimates, error, elapsed_s = fly(made)
+    late = elapsed_s > 95.0
+    above_m = estimates["height_above_takeoff_m"][late] - (estimates["altitude_amsl_m"][late] - error[late])
+    assert np.ptp(above_m - np.median(above_m)) < 20.0
+
+
+@pytest.mark.parametrize("shift_m", [-20.0, 15.0, 30.0])
+def test_barometer_that_shifts_while_gnss_is_away_is_found_out_when_it_returns(shift_m: float) -> None:
+    made = flight(duration_s=260.0).drop(Kind.GNSS, 115.0, 124.0)
+    pressure = made.tables[Kind.PRESSURE]
+    pressure["pressure_pa"] -= 11.5 * shift_m * np.clip((made.elapsed_s(pressure["time_us"]) - 119.0) / 1.5, 0.0, 1.0)
     _, error, elapsed_s = fly(made)
-    assert abs(np.median(error[elapsed_s > 200.0]) - 500.0) < 10.0
+    assert np.abs(error[elapsed_s > 130.0]).max() < 5.0
+
+
+def test_blame_of_an_imu_that_died_ends_and_gnss_is_watched_again() -> None:
+    made = flight(duration_s=260.0)
+    made.tables[Kind.IMU]["specific_force_b_mps2"][made.within(Kind.IMU, 100.0, 103.0), 2] -= 15.0
+    made.drop(Kind.IMU, 103.0)
+    fixes = made.tables[Kind.GNSS]
+    fixes["altitude_amsl_m"] += 2.0 * np.clip(made.elapsed_s(fixes["time_us"]) - 150.0, 0.0, 100.0)
+    _, error, elapsed_s = fly(made)
+    assert np.abs(error[elapsed_s > 110.0]).max() < 20.0
+
+
+def test_barometer_frozen_from_the_start_is_found_out() -> None:
+    made = flight().change(Kind.PRESSURE, "pressure_pa", lambda p: p * 0 + p[0])
+    _, error, elapsed_s = fly(made)
+    assert Fault.BAROMETER in {fault for _, fault in blamed(made)}
+    assert np.abs(error[elapsed_s > 60.0]).max() < 10.0
 
 
 def with_spares(made: Flight, kind: Kind, offset: Any) -> Flight:

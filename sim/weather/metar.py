@@ -89,7 +89,8 @@ class Metar(Settings):
 
 def _at(points: Points, time_s: float) -> float:
     """Between the points as the weather goes; 0 if nobody told."""
-    return float(np.interp(time_s, *zip(*points, strict=True))) if points else 0.0
+    times_s, values = np.array(points or [(0.0, 0.0)]).T
+    return float(np.interp(time_s, times_s, values))
 
 
 def _relative_humidity(temperature_k: float, dew_point_k: float) -> float:

@@ -23,12 +23,12 @@ from companion.samples import Packet
 from sim import BOOT_UNIX_US, STEPS_PER_TICK
 from sim.aircraft import Aircraft, Truth
 from sim.approach import Place
-from sim.autopilot import UPDATE_HZ, Autopilot, Mode
+from sim.autopilot import UPDATE_HZ, Autopilot, Mode, Target
 from sim.estimate import OwnEstimate
 from sim.faults.way import Way
 from sim.flavours import FLAVOURS, FlavourName
 from sim.ports import Port
-from sim.profile import Profile
+from sim.profile import Hold, Profile
 from sim.scenario import Scenario
 from sim.sensors.barometer import Barometer
 from sim.sensors.gnss import Fix, GnssReceiver
@@ -41,6 +41,8 @@ MOTION_US = 1_000_000 // UPDATE_HZ
 """truth, autopilot and the quickest IMU: every second tick"""
 _WEATHER_US = 100_000
 _LATE_S = 0.5
+_STRAYED_M = 200.0
+"""from the altitude of a hold; gusts, waves and turns in the scenarios that come with it move it by 60 m at most"""
 """Further behind than this, the pace gives the time up for lost instead of rushing after it."""
 _READS_PER_TICK = 32
 """A flood on a link delays the flight no longer than this many datagrams do."""
@@ -262,6 +264,16 @@ class Flight:
                 "make the profile shorter, or set endless_fuel"
             )
 
+    def _check_altitude(self, truth: Truth, target: Target) -> None:
+        """Fly-by-wire keeps a wing from stalling; it sinks instead."""
+        if abs(truth.altitude_amsl_m - target.altitude_amsl_m) > _STRAYED_M:
+            bank_deg = abs(math.degrees(truth.roll_rad))
+            raise SimulationError(
+                f"at {truth.time_us / 1e6:.2f} s the aircraft is at {truth.altitude_amsl_m:.0f} m during "
+                f"'{self.profile.describe()}', at {truth.airspeed_mps:.1f} m/s and {bank_deg:.0f} degrees of bank: "
+                "it cannot hold its altitude so, give the leg less bank_deg or another airspeed_mps"
+            )
+
     def _motion(self) -> None:
         """What happens at 50 Hz: truth, autopilot, IMU, GNSS, the vehicle's own estimate."""
         state = self.vehicle.state
@@ -288,6 +300,8 @@ class Flight:
             self.vehicle.say(f"Mission: {self.profile.describe()}")
         if target.mode not in _NEAR_THE_GROUND:
             self._stall.check(truth, self.profile.leg, self.profile.describe)
+        if isinstance(self.profile.leg, Hold):
+            self._check_altitude(truth, target)
         if truth.on_ground and target.mode in _AIRBORNE:
             raise SimulationError(
                 f"at {truth.time_us / 1e6:.2f} s the aircraft hit the ground during '{self.profile.describe()}', "

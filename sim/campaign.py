@@ -9,7 +9,9 @@ import hashlib
 import json
 import logging
 import math
+import os
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
@@ -18,7 +20,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Any
 
@@ -137,9 +139,20 @@ def _rows_of(future: "Future[list[Row]]", job: Job) -> list[Row]:
         return [{"scenario": job.scenario.name, "seed": job.seed, "source": None, "elapsed_s": 0.0, "error": why}]
 
 
-def _hush() -> None:
-    """What a flight's companion warns of is in the results; many at once are noise."""
+def _start_worker() -> None:
+    """What a flight's companion warns of is in the results; many at once are noise.
+
+    A worker ends with its parent, which may be killed before it can say so.
+    """
     logging.getLogger("kollsman").setLevel(logging.ERROR)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 @contextmanager
@@ -149,7 +162,7 @@ def executor_of(workers: int, scheduler: str | None) -> Iterator[Executor]:
     Raises `ConfigError` when Dask is not installed or the scheduler does not answer.
     """
     if scheduler is None:
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_hush) as pool:
+        with ProcessPoolExecutor(workers, mp_context=get_context("spawn"), initializer=_start_worker) as pool:
             try:
                 yield pool
             except BaseException:  # Ctrl-C must not wait for all that was submitted

@@ -79,6 +79,7 @@ from companion.estimators.vertical_channel import (
     absorb,
     dot,
     expect_baro,
+    forget_height,
     gather,
     sees_climb,
     sees_height,
@@ -536,6 +537,9 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     elif far and s.fix_seen == 0:
         relearn_offset(state, s.innovation_m * s.innovation_m)  # the barometer's datum is further off than its prior
     elif s.fix_seen == 0 and s.baro_seen == 1:
+        for i in range(CHANNELS):
+            if follows_baro(i):
+                forget_height(s.P[i])  # it rests on the prior of the offset, which would count twice
         expect_atmosphere(state, params, fix_m)
     elif not watch_fix(state, far):
         verdict = GATED

@@ -171,6 +171,15 @@ def begin(x: Array, P: Array) -> None:
 
 
 @step
+def forget_height(P: Array) -> None:
+    """Height unknown again; what is known of the other states stays."""
+    for i in range(SIZE):
+        P[HEIGHT, i] = 0.0
+        P[i, HEIGHT] = 0.0
+    P[HEIGHT, HEIGHT] = UNKNOWN_M2
+
+
+@step
 def expect_baro(x: Array, P: Array, baro_m: float, offset_var: float, scale_var: float) -> None:
     """Prior of a barometer's error where it reads `baro_m`: o = o_0 + s h with o_0 and s independent of each other."""
     for i in (OFFSET, SCALE):

@@ -122,6 +122,32 @@ def test_a_killed_campaign_goes_on_where_it_was(tmp_path: Path) -> None:
     assert [row["seed"] for row in rows if row["source"] == "adaptive-fusion"] == [1, 2, 3, 4, 5]
 
 
+_ORPHANING = """
+import os, time
+from sim.campaign import executor_of
+
+if __name__ == "__main__":
+    with executor_of(1, None) as pool:
+        print(pool.submit(os.getpid).result(), flush=True)
+        pool.submit(time.sleep, 600).result()
+"""
+
+
+def test_workers_end_with_a_parent_that_was_killed(tmp_path: Path) -> None:
+    script = tmp_path / "orphaning.py"
+    script.write_text(_ORPHANING)
+    parent = subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True)
+    assert parent.stdout is not None
+    worker = int(parent.stdout.readline())
+    parent.kill()
+    parent.wait()
+    parent.stdout.close()
+    deadline_s = time.monotonic() + 20.0
+    while Path(f"/proc/{worker}/stat").exists() and " Z " not in Path(f"/proc/{worker}/stat").read_text():
+        assert time.monotonic() < deadline_s, "the worker outlived its parent"
+        time.sleep(0.05)
+
+
 @pytest.mark.slow
 def test_command_on_two_processes(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "sim.cli", "campaign", "short-hop", "--seeds", "2", "--workers", "2"]

@@ -232,6 +232,7 @@ def attitude_gnss(state: Rows, sample: Rows) -> None:
         s.attitude_gravity_mps2 = gravity
     speed, course = sample[0].ground_speed_mps, sample[0].course_rad
     if not speed < math.inf or not abs(course) < math.inf:
+        s.attitude_waited_s = LONGEST_WAIT_S  # this receiver will not tell whether the vehicle rests
         return
     between_us = sample[0].time_us - s.attitude_fix_us
     s.attitude_along_mps2, s.attitude_across_mps2 = math.nan, math.nan

@@ -59,7 +59,6 @@ from companion.estimators.method import (
     USED,
     Method,
     forget,
-    gnss_sd_m,
     judge_attitude,
     judge_gnss,
     judge_imu,
@@ -83,8 +82,8 @@ from companion.estimators.vertical_channel import (
     gather,
     sees_climb,
     sees_height,
-    shrink,
 )
+from companion.estimators.vertical_claims import expect_gnss, slow_fix_m2, white_fix_m2
 from companion.estimators.vertical_integrity import (
     BAROMETER,
     FIX_SIGMA,
@@ -99,24 +98,19 @@ from companion.estimators.vertical_integrity import (
     forgive_imu,
     give_up,
     gnss_comes_back,
-    height_above_takeoff,
     integrity_fields,
     integrity_start,
     is_blamed,
-    note_armed,
     note_clipped,
     note_interval,
     note_repeat,
-    protection_level_m,
     relearn_offset,
     rests,
     rests_on_imu,
     sees_baro,
     separate,
-    spread_m,
     watch_baro,
     watch_fix,
-    watch_takeoff,
 )
 from companion.estimators.vertical_mixture import (
     BANK,
@@ -129,6 +123,7 @@ from companion.estimators.vertical_mixture import (
     note_tilt,
     take_acceleration,
 )
+from companion.estimators.vertical_protection import protection_level_m, spread_m
 from companion.estimators.vertical_spares import (
     BARO,
     FAR_SIGMA,
@@ -140,6 +135,7 @@ from companion.estimators.vertical_spares import (
     spare_fields,
     spares_start,
 )
+from companion.estimators.vertical_takeoff import height_above_takeoff, note_armed, watch_takeoff
 from companion.jit import step
 from companion.kalman import inflated
 from companion.samples import Kind, Rows, Tables, readable, rows
@@ -153,7 +149,6 @@ MEDIAN_TO_SD = 1.4826
 FASTEST_CLIMB_MPS = 200.0
 VAGUE_TILT_RAD = 0.2
 """by which gravity alone shows 0.2 m/s2 too little: as much as the prior of the accelerometer's bias"""
-MUCH_BETTER = 2.0
 QNH_PA_PER_M = 12.0
 """of sea-level air"""
 
@@ -581,45 +576,6 @@ def on_spare_fix(state: Rows, params: Rows, sample: Rows, estimate: Rows, fix_m:
     take_fix(state, fix_m - s.spare_offset_m[RECEIVER, instance], R)
     write_estimate(state, params, estimate)
     return USED
-
-
-@step
-def white_fix_m2(params: Rows, sample: Rows) -> float:
-    """White variance of a fix: a share of the spread claimed."""
-    white_m = params[0].gnss_white_ratio * gnss_sd_m(sample, 0.0, params[0].gnss_sd_unknown_m)
-    return max(params[0].gnss_white_floor_m, white_m) ** 2
-
-
-@step
-def slow_fix_m2(params: Rows, sample: Rows) -> float:
-    """Slow variance of a fix: another share of it."""
-    p = params[0]
-    return max(p.gnss_slow_floor_m, p.gnss_slow_ratio * gnss_sd_m(sample, 0.0, p.gnss_sd_unknown_m)) ** 2
-
-
-@step
-def expect_gnss(state: Rows, slow_m2: float, gnss_time_s: float) -> None:
-    """The slow variance that a receiver claims now goes to every channel; call it before the fix is taken.
-
-    A claim that gets worse adds what it is worse by. One that gets better by `MUCH_BETTER` and more says that the error
-    has shrunk with it, though not by how much exactly: it is as new as it is smaller. One that gets a little better may
-    get worse again; it is believed as slowly as the error changes.
-    """
-    s = state[0]
-    before_m2 = s.gnss_slow_m2
-    much_better = slow_m2 * MUCH_BETTER * MUCH_BETTER < before_m2
-    if slow_m2 > before_m2 or much_better:
-        s.gnss_slow_m2 = slow_m2
-    else:
-        s.gnss_slow_m2 += min(1.0, (s.filter_us - s.fix_us) * 1e-6 / gnss_time_s) * (slow_m2 - before_m2)
-    left2 = slow_m2 / before_m2 if much_better else 1.0
-    for i in range(CHANNELS):
-        s.steady[i, GNSS_BIAS] = s.gnss_slow_m2
-        s.x[i, GNSS_BIAS] *= math.sqrt(left2)
-        shrink(s.P[i], GNSS_BIAS, math.sqrt(left2))
-        s.P[i, GNSS_BIAS, GNSS_BIAS] += (1.0 - left2) * slow_m2
-        if follows_gnss(i):
-            s.P[i, GNSS_BIAS, GNSS_BIAS] += max(0.0, slow_m2 - before_m2)
 
 
 @step

@@ -83,6 +83,7 @@ CLIPPED_SIGMA = 3.0
 """no single innovation moves the mean by more"""
 FROZEN_INTERVALS, FROZEN_REPEATS = 10.0, 9
 FROZEN_MOTION_M = 0.5
+REST_MPS = 0.5
 REST_S = 1.0
 """with a barometer whose own rate is not known yet"""
 INTERVAL_WEIGHT = 1.0 / 16.0
@@ -118,8 +119,6 @@ INERTIAL_US = 10_000_000
 IMU_PENALTY_US = 30_000_000
 STIFF_OFFSET_WALK = 0.01
 STIFF_REFERENCE_M = 0.1
-TAKEOFF_CLIMB_MPS, TAKEOFF_REST_MPS, TAKEOFF_S = 1.0, 0.5, 5.0
-TAKEOFF_SIGMA = 3.0
 
 
 def integrity_fields() -> tuple[tuple[Any, ...], ...]:
@@ -264,7 +263,7 @@ def rests(state: Rows, time_us: int, moved_m: float) -> bool:
     """Whether the barometer repeats its value because nothing changes: for long, and the vehicle does not move."""
     s = state[0]
     long_s = REST_S if math.isnan(s.baro_interval_s) else FROZEN_INTERVALS * s.baro_interval_s
-    at_rest = abs(moved_m) <= FROZEN_MOTION_M and abs(s.average[CLIMB]) < TAKEOFF_REST_MPS
+    at_rest = abs(moved_m) <= FROZEN_MOTION_M and abs(s.average[CLIMB]) < REST_MPS
     return at_rest and (time_us - s.baro_value_us) * 1e-6 >= long_s
 
 
@@ -666,54 +665,6 @@ def forget_copies(state: Rows) -> None:
         s.seeded_us[j], s.separation_mean_m[j] = -1, math.nan
 
 
-# Take-off
-
-
-@step
-def note_armed(state: Rows, armed: int) -> None:
-    """STATUS: a vehicle that is seen to arm stands where it will take off from."""
-    s = state[0]
-    if armed < 0:
-        return
-    if armed == 1 and s.armed == 0:
-        s.takeoff_us = -1
-        start_takeoff(state)
-    s.armed = armed
-
-
-@step
-def watch_takeoff(state: Rows) -> None:
-    """A vehicle that does not say that it arms takes off with its first climb of five seconds. Call it combined."""
-    s = state[0]
-    if s.takeoff_us >= 0 or is_blamed(state, BAROMETER) or s.stiff_seeded == 0:
-        return
-    if s.average[CLIMB] < TAKEOFF_CLIMB_MPS:
-        s.takeoff_climbing_us = -1
-        if abs(s.average[CLIMB]) < TAKEOFF_REST_MPS or math.isnan(s.takeoff_reference_m):
-            start_takeoff(state)
-            s.takeoff_us = -1
-        return
-    if math.isnan(s.takeoff_reference_m):
-        return
-    if s.takeoff_climbing_us < 0:
-        s.takeoff_climbing_us = s.filter_us
-    if (s.filter_us - s.takeoff_climbing_us) * 1e-6 >= TAKEOFF_S:
-        s.takeoff_us = s.takeoff_climbing_us
-
-
-@step
-def start_takeoff(state: Rows) -> None:
-    """Height above take-off counts from here."""
-    s = state[0]
-    if s.filter_us < 0 or s.baro_seen == 0:
-        return
-    combine(state)
-    error_m = s.average[HEIGHT] + s.average[OFFSET] + s.average[FAST]
-    seed_stiff(state, TAKEOFF, 0.0, error_m)
-    s.takeoff_reference_m, s.takeoff_var_m2 = s.average[HEIGHT], s.cov[HEIGHT, HEIGHT]
-    s.takeoff_us, s.takeoff_handed_over = s.filter_us, 0
-
-
 @step
 def hand_over(state: Rows) -> None:
     """The barometer is wrong: from here the bank carries the height above take-off on."""
@@ -722,19 +673,6 @@ def hand_over(state: Rows) -> None:
         combine(state)
         s.takeoff_handed_over = 1
         s.takeoff_reference_m = s.average[HEIGHT] - s.x[TAKEOFF, HEIGHT]
-
-
-@step
-def height_above_takeoff(state: Rows) -> float:
-    """From the stiff copy, until it contradicts the bank; NaN before. Call it combined."""
-    s = state[0]
-    if s.takeoff_us < 0:
-        return math.nan
-    bank_m, stiff_m = s.average[HEIGHT] - s.takeoff_reference_m, s.x[TAKEOFF, HEIGHT]
-    if s.takeoff_handed_over == 0:
-        limit_m = TAKEOFF_SIGMA * math.sqrt(s.cov[HEIGHT, HEIGHT] + s.takeoff_var_m2)
-        s.takeoff_handed_over = 1 if abs(bank_m - stiff_m) > limit_m else 0
-    return bank_m if s.takeoff_handed_over == 1 else stiff_m
 
 
 @step
@@ -747,36 +685,6 @@ def follows_baro(i: int) -> bool:
 def follows_gnss(i: int) -> bool:
     """Whether a channel takes fixes with the bank."""
     return i < BANK or i in (NO_BARO, NO_IMU)
-
-
-@step
-def spread_m(state: Rows) -> float:
-    """Spread of the bank's height, with what nobody is blamed for. Call it combined."""
-    s = state[0]
-    return math.sqrt(s.cov[HEIGHT, HEIGHT] + s.excess_m * s.excess_m)
-
-
-@step
-def protection_level_m(state: Rows, params: Rows) -> float:
-    """Height error that is exceeded at the integrity risk of the settings. Call it combined.
-
-    Without a fault it is `protection_sigma` of the spread; with one that nobody has seen, what the copy without that
-    sensor says, with `fault_sigma` of its own spread: NaN where a fault is rarer than the risk allowed.
-    """
-    s, p = state[0], params[0]
-    level_m = p.protection_sigma * spread_m(state)
-    if math.isnan(p.fault_sigma):
-        return level_m
-    oldest = oldest_copy(state)
-    for i in range(BANK, CHANNELS):
-        without_gnss = i >= NO_GNSS
-        if i in (STIFF, TAKEOFF) or (i == NO_BARO and is_blamed(state, GNSS_HEIGHT)):
-            continue
-        if without_gnss and (i != NO_GNSS + oldest or s.seeded_us[oldest] < 0 or is_blamed(state, BAROMETER)):
-            continue
-        apart_m = abs(s.average[HEIGHT] - s.x[i, HEIGHT])
-        level_m = max(level_m, apart_m + p.fault_sigma * math.sqrt(s.P[i, HEIGHT, HEIGHT]))
-    return level_m
 
 
 @step

@@ -7,10 +7,8 @@ profile or humidity the column is integrated here (``column``) and takes the pla
 ``fields`` has what depends on the place; ``metar`` makes a day of its reports.
 """
 
-import bisect
 import itertools
 import math
-from collections.abc import Sequence
 from typing import Annotated, NamedTuple
 
 from pydantic import Field, model_validator
@@ -20,6 +18,7 @@ from sim.aircraft import Aircraft, Truth
 from sim.weather.column import Column, pressure_altitude_m, standard_k
 from sim.weather.fields import Change, Diurnal, Front, Gradient, Gust, MountainWave, Place, Time, Wind
 from sim.weather.metar import Day, Metar
+from sim.weather.ramp import Ramp
 
 STANDARD_HPA = 1013.25
 _EARTH_M_PER_DEG = 111_319.49
@@ -109,24 +108,6 @@ class WeatherConfig(Settings):
         """Those that depend on place and time."""
         single = (self.front, self.gradient, self.diurnal, self.mountain_wave)
         return [field for field in (*single, *self.gusts) if field is not None]
-
-
-class Ramp:
-    """A piecewise-linear function of time, constant outside its points."""
-
-    def __init__(self, points: Sequence[tuple[float, float]], default: float) -> None:
-        self._times = [time for time, _ in points] or [0.0]
-        self._values = [value for _, value in points] or [default]
-
-    def __call__(self, time_s: float) -> float:
-        after = bisect.bisect_right(self._times, time_s)
-        if after == 0:
-            return self._values[0]
-        if after == len(self._times):
-            return self._values[-1]
-        start, end = self._times[after - 1], self._times[after]
-        share = (time_s - start) / (end - start)
-        return self._values[after - 1] + share * (self._values[after] - self._values[after - 1])
 
 
 class Now(NamedTuple):

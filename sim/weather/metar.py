@@ -13,6 +13,7 @@ from companion.config import Settings
 from companion.errors import SimulationError
 from sim.weather.column import Column, saturation_pa
 from sim.weather.fields import Wind
+from sim.weather.ramp import Ramp
 
 _DAY_S = 86_400.0
 
@@ -74,23 +75,18 @@ class Metar(Settings):
             if report.temperature_k is not None:
                 day.offset_k.append((time_s, report.temperature_k - usual_k))
                 if report.dew_point_k is not None:
-                    humidity = _relative_humidity(report.temperature_k, report.dew_point_k)
-                    day.relative_humidity.append((time_s, humidity))
+                    moist = _relative_humidity(report.temperature_k, report.dew_point_k)
+                    day.relative_humidity.append((time_s, moist))
             if report.wind_mps is not None:
                 day.north_mps.append((time_s, report.wind_mps[0]))
                 day.east_mps.append((time_s, report.wind_mps[1]))
+        offset_k, humidity = Ramp(day.offset_k, 0.0), Ramp(day.relative_humidity, 0.0)
         for time_s, report in reports:
             if report.qnh_hpa is not None:  # through the air that will be flown in, which other reports may tell
-                column.solve(_at(day.offset_k, time_s), _at(day.relative_humidity, time_s))
+                column.solve(offset_k(time_s), humidity(time_s))
                 station_hpa = report.qnh_hpa * standard_pa
                 day.sea_level_hpa.append((time_s, station_hpa / column.at(elevation_m, 1.0).pressure_pa))
         return day
-
-
-def _at(points: Points, time_s: float) -> float:
-    """Between the points as the weather goes; 0 if nobody told."""
-    times_s, values = np.array(points or [(0.0, 0.0)]).T
-    return float(np.interp(time_s, times_s, values))
 
 
 def _relative_humidity(temperature_k: float, dew_point_k: float) -> float:

@@ -8,7 +8,7 @@ from sim.aircraft import Truth
 from sim.estimate import ORIGIN_DELAY_S, EstimateConfig, OwnEstimate
 from sim.sensors.barometer import Pressure
 from sim.sensors.gnss import Fix
-from sim.weather import Ramp
+from sim.weather.ramp import Ramp
 
 TRUTH = Truth(0, 47.0, 8.0, 500.0, 0.0, 0.0, 0.0, 0.1, 0.05, 3.1, 0.0, 0.0, 0.0, 95_000.0, 285.0, 0.0, True)
 

@@ -40,9 +40,9 @@ from sim.weather import Weather
 MOTION_US = 1_000_000 // UPDATE_HZ
 """truth, autopilot and the quickest IMU: every second tick"""
 _WEATHER_US = 100_000
-_LATE_S = 0.5
 _STRAYED_M = 200.0
 """from the altitude of a hold; gusts, waves and turns in the scenarios that come with it move it by 60 m at most"""
+_LATE_S = 0.5
 """Further behind than this, the pace gives the time up for lost instead of rushing after it."""
 _READS_PER_TICK = 32
 """A flood on a link delays the flight no longer than this many datagrams do."""

@@ -303,12 +303,17 @@ def start(state: Rows, params: Rows) -> None:
     mixture_start(state, params)
     integrity_start(state, params)
     spares_start(state)
-    s.baro_seen = 0
-    s.baro_pa, s.baro_m, s.baro_path_m = math.nan, math.nan, 0.0
+    forget_readings(state)
+    s.baro_pa = math.nan
     s.baro_median_m = params[0].baro_sd_m
-    s.fix_seen = 0
-    s.gnss_slow_m2 = 0.0
-    s.innovation_m = math.nan
+
+
+@step
+def forget_readings(state: Rows) -> None:
+    """No barometer height and no fix yet."""
+    s = state[0]
+    s.baro_seen, s.baro_m, s.baro_path_m = 0, math.nan, 0.0
+    s.fix_seen, s.gnss_slow_m2, s.innovation_m = 0, 0.0, math.nan
 
 
 @step
@@ -317,8 +322,7 @@ def start_over(state: Rows, params: Rows) -> None:
     s = state[0]
     give_up(state, params)
     attitude_start(state)
-    s.baro_seen, s.fix_seen, s.gnss_slow_m2, s.innovation_m = 0, 0, 0.0, math.nan
-    s.baro_m, s.baro_path_m = math.nan, 0.0
+    forget_readings(state)
     if s.baro_frozen == 0:
         s.baro_pa = math.nan
 
@@ -522,8 +526,8 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     if instance != 0:
         return tally(state, GNSS, on_spare_fix(state, params, sample, estimate, fix_m, silent))
     s.innovation_m = fix_m - dot(s.H, s.average)
-    R = white_fix_m2(params, sample)
-    admitted_m2 = max(0.0, slow_fix_m2(params, sample) - s.gnss_slow_m2)
+    R, slow_m2 = white_fix_m2(params, sample), slow_fix_m2(params, sample)
+    admitted_m2 = max(0.0, slow_m2 - s.gnss_slow_m2)
     S = R + admitted_m2 + gather(s.cov, s.H, s.K)
     far = s.innovation_m * s.innovation_m > FIX_SIGMA * FIX_SIGMA * S
     if is_blamed(state, GNSS_HEIGHT):
@@ -539,7 +543,7 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     elif not watch_fix(state, far):
         verdict = GATED
     if verdict == USED:
-        expect_gnss(state, slow_fix_m2(params, sample), params[0].gnss_time_s)
+        expect_gnss(state, params, slow_m2)
         s.fix_seen, s.fix_us, s.refused_us = 1, s.filter_us, -1
         take_fix(state, fix_m, R)
         take_climb(state, params, sample[0].climb_mps, late_s)
@@ -571,7 +575,7 @@ def on_spare_fix(state: Rows, params: Rows, sample: Rows, estimate: Rows, fix_m:
         return USED
     if not is_settled(state, RECEIVER, instance):
         return GATED
-    expect_gnss(state, slow_fix_m2(params, sample), params[0].gnss_time_s)
+    expect_gnss(state, params, slow_fix_m2(params, sample))
     s.spare_us[RECEIVER, instance], s.fix_us = sample[0].time_us, s.filter_us
     take_fix(state, fix_m - s.spare_offset_m[RECEIVER, instance], R)
     write_estimate(state, params, estimate)

@@ -27,7 +27,7 @@ def slow_fix_m2(params: Rows, sample: Rows) -> float:
 
 
 @step
-def expect_gnss(state: Rows, slow_m2: float, gnss_time_s: float) -> None:
+def expect_gnss(state: Rows, params: Rows, slow_m2: float) -> None:
     """The slow variance that a receiver claims now goes to every channel; call it before the fix is taken.
 
     A claim that gets worse adds what it is worse by. One that gets better by `MUCH_BETTER` and more says that the error
@@ -36,16 +36,19 @@ def expect_gnss(state: Rows, slow_m2: float, gnss_time_s: float) -> None:
     """
     s = state[0]
     before_m2 = s.gnss_slow_m2
+    worse_m2 = max(0.0, slow_m2 - before_m2)
     much_better = slow_m2 * MUCH_BETTER * MUCH_BETTER < before_m2
-    if slow_m2 > before_m2 or much_better:
+    if worse_m2 > 0.0 or much_better:
         s.gnss_slow_m2 = slow_m2
     else:
-        s.gnss_slow_m2 += min(1.0, (s.filter_us - s.fix_us) * 1e-6 / gnss_time_s) * (slow_m2 - before_m2)
-    left2 = slow_m2 / before_m2 if much_better else 1.0
+        share = min(1.0, (s.filter_us - s.fix_us) * 1e-6 / params[0].gnss_time_s)
+        s.gnss_slow_m2 += share * (slow_m2 - before_m2)
     for i in range(CHANNELS):
         s.steady[i, GNSS_BIAS] = s.gnss_slow_m2
-        s.x[i, GNSS_BIAS] *= math.sqrt(left2)
-        shrink(s.P[i], GNSS_BIAS, math.sqrt(left2))
-        s.P[i, GNSS_BIAS, GNSS_BIAS] += (1.0 - left2) * slow_m2
+        if much_better:
+            left = math.sqrt(slow_m2 / before_m2)
+            s.x[i, GNSS_BIAS] *= left
+            shrink(s.P[i], GNSS_BIAS, left)
+            s.P[i, GNSS_BIAS, GNSS_BIAS] += (1.0 - left * left) * slow_m2
         if follows_gnss(i):
-            s.P[i, GNSS_BIAS, GNSS_BIAS] += max(0.0, slow_m2 - before_m2)
+            s.P[i, GNSS_BIAS, GNSS_BIAS] += worse_m2

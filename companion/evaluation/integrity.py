@@ -139,6 +139,10 @@ def regions(error_m: Array, level_m: Array, alert_limit_m: float = ALERT_LIMIT_M
     return Regions(*(float(np.mean(share)) for share in shares))
 
 
+LABEL_BOX = {"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1.0}
+"""so that a label can be read where the counts are"""
+
+
 def draw_stanford(axes: Any, error_m: Array, level_m: Array, alert_limit_m: float = ALERT_LIMIT_M) -> None:
     """The diagram on Matplotlib `axes`: a histogram whose colours are logarithms of counts."""
     from matplotlib.colors import LogNorm  # noqa: PLC0415
@@ -158,7 +162,8 @@ def draw_stanford(axes: Any, error_m: Array, level_m: Array, alert_limit_m: floa
         (alert_limit_m / top + 0.01, 0.03, "bottom", "hazardous", found.hazardous),
     )
     for x, y, side, name, share in labels:
-        axes.text(x, y, f"{name}\n{100 * share:.3g} %", transform=axes.transAxes, va=side, fontsize=8)
+        label = f"{name}\n{100 * share:.3g} %"
+        axes.text(x, y, label, transform=axes.transAxes, va=side, fontsize=8, bbox=LABEL_BOX)
     axes.set(xlabel="|altitude error| (m)", ylabel="protection level (m)", xlim=(0.0, top), ylim=(0.0, top))
 
 

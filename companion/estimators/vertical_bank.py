@@ -626,8 +626,10 @@ def on_status(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
 
 @step
 def write_estimate(state: Rows, params: Rows, estimate: Rows) -> None:
-    """What the bank says, and what the copies say of it."""
+    """What the bank says, and what the copies say of it; nothing while nobody has told a height."""
     s, e = state[0], estimate[0]
+    if s.baro_seen == 0 and s.fix_seen == 0:
+        return
     combine(state)
     watch_takeoff(state)
     e.time_us = s.filter_us

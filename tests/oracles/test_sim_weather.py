@@ -218,7 +218,7 @@ def test_a_mountain_wave_lifts_and_misleads() -> None:
 
 
 def test_the_fields_reach_the_aircraft() -> None:
-    aircraft = Aircraft(field_elevation_m=300.0)
+    aircraft = Aircraft(field_elevation_m=300.0, aloft=(500.0, 50.0))
     weather = Weather(
         config(
             pressure=[{"time_s": 0, "sea_level_hpa": 1020}],

@@ -153,6 +153,24 @@ def test_the_trainer_lands_in_wind(from_deg: float) -> None:
     assert_lands(landing, flown(landing))
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("from_deg", [0, 180])
+def test_the_trainer_lands_in_the_side_wind_it_may_land_in(from_deg: float) -> None:
+    """Its handbook says 15 kt; here with both wing tips off the ground to the end."""
+    legs: list[dict[str, Any]] = [{"leg": "land"}, {"leg": "wait", "duration_s": 10}]
+    weather = {"wind": {"speed_mps": 8, "from_deg": from_deg}}
+    landing = flight("c172p", legs, aloft={"altitude_amsl_m": 450}, weather=weather)
+    rows = flown(landing)
+    assert_lands(landing, rows)
+    assert max(abs(truth.roll_rad) for truth, *_ in rows if truth.on_ground) < math.radians(8.0)
+
+
+def test_a_storm_that_lifts_what_stands_ends_the_flight() -> None:
+    storm = flight("c172p", [{"leg": "wait", "duration_s": 5}], weather={"wind": {"speed_mps": 40, "from_deg": 90}})
+    with pytest.raises(SimulationError, match=r"^at \d\.\d\d s the wind lifted the aircraft .* during 'Standing'"):
+        flown(storm)
+
+
 @pytest.mark.parametrize("name", ["737", "f16", "sgs126"])
 def test_flying_into_the_ground_ends_the_flight(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     sinking = flight(name, [{"leg": "glide", "altitude_amsl_m": 360}], aloft={"altitude_amsl_m": 600})

@@ -193,6 +193,13 @@ def _explain(error: ErrorDetails, model: type[BaseModel]) -> str:
     shown = repr(given) if len(repr(given)) < 60 else f"this {type(given).__name__}"
     if error["type"] in {"model_type", "model_attributes_type"}:
         return f"{key}: {shown} is not a section; give `key: value` lines below it"
+    if error["type"] in {"tuple_type", "list_type"}:
+        return f"{key}: {shown} is not a list; give `- ` lines below it, or [..., ...]"
+    if error["type"] in {"union_tag_not_found", "union_tag_invalid"}:
+        context = {name: str(value).replace("'", "") for name, value in error["ctx"].items()}
+        if "tag" not in context:
+            return f"{key}.{context['discriminator']}: this key is required"
+        return f"{key}.{context['discriminator']}: no '{context['tag']}'; give one of {context['expected_tags']}"
     if error["type"] == "invalid_key":
         return f"{key}: a key must be text"
     if error["type"] in {"greater_than", "greater_than_equal", "less_than", "less_than_equal", "finite_number"}:
@@ -200,7 +207,10 @@ def _explain(error: ErrorDetails, model: type[BaseModel]) -> str:
     if error["type"] in {"float_type", "float_parsing", "int_type", "int_parsing", "int_from_float"}:
         what = "a whole number" if error["type"].startswith("int") else "a number"
         return f"{key}: {shown} is not {what}; give {what} {span}".rstrip() + suffix
-    return f"{key}: {shown}: {error['msg'].removeprefix('Value error, ')}{suffix}"
+    said = f"{error['msg'].removeprefix('Value error, ')}{suffix}"
+    if isinstance(given, dict):  # what is wrong is between keys of a section
+        return f"{key}: {said}" if error["loc"] else said
+    return f"{key}: {shown}: {said}"
 
 
 def _field_at(

@@ -32,6 +32,9 @@ _BURIED = 0.25
 """The wheels keep the centre of gravity up: not even a hard landing takes this much of its height at rest."""
 _CRASH_MPS = 4.0
 """No undercarriage stands this; JSBSim's would bounce and fly on."""
+_TIPPED, _TIPPED_M = math.cos(math.radians(24.0)), 0.5
+"""At such a tilt, so near to where the wheels carry it, a wing tip, the nose or the tail is in the ground: rotation and
+touchdown take 11 degrees."""
 _ALOFT_ALPHA_DEG = 3.0
 """Near enough to every aircraft's own at cruise: the autopilot finds it within seconds."""
 
@@ -150,6 +153,9 @@ class Aircraft:
         self.stall_rad = MODELS[model].stall_rad
         """angle of attack of the greatest lift"""
         self._aloft = aloft
+        self._wind_mps: Vector = (0.0, 0.0, 0.0)
+        self._blown_mps: Vector = (math.nan, math.nan, math.nan)
+        """what of it was last given to JSBSim: nothing yet"""
         self._time_us = 0
         self._step_us = 1_000_000 // STEP_HZ
         self._fdm = _load(MODELS[model].jsbsim_name)
@@ -212,6 +218,7 @@ class Aircraft:
         for number in range(engines):
             self._fdm[f"fcs/mixture-cmd-norm[{number}]"] = 1.0
         self._set_air = tuple(writer(f"atmosphere/{n}") for n in ("P-sl-psf", "delta-T"))
+        self._set_wind = tuple(writer(f"atmosphere/wind-{n}-fps") for n in ("north", "east", "down"))
 
     def control(self, controls: Controls) -> None:
         """Move what the pilot moves. What moves rarely is written only then: a write costs 0.1 us."""
@@ -261,8 +268,32 @@ class Aircraft:
 
     def set_wind(self, north_mps: float, east_mps: float, down_mps: float = 0.0) -> None:
         """The velocity of the air, that is towards where the wind blows."""
-        for name, value in (("north", north_mps), ("east", east_mps), ("down", down_mps)):
-            self._fdm[f"atmosphere/wind-{name}-fps"] = value / _FT
+        self._wind_mps = (north_mps, east_mps, down_mps)
+        self._blow()
+
+    def _blow(self) -> None:
+        """Give JSBSim the wind; to an aircraft on its wheels, no more of it than the models are made for.
+
+        They know air from ahead. Where it comes from beside or behind, the angle of attack of what stands is anything:
+        a parked trainer goes over on its back in a side wind of 5 m/s. So on the wheels a tail wind counts up to half
+        the ground speed, and a side wind up to the airspeed from ahead.
+        """
+        wind_mps = self._wind_mps
+        if any(wind_mps) and self._weight_on_wheels() > 0.5:
+            wind_mps = self._sheltered(*wind_mps)
+        if wind_mps != self._blown_mps:
+            self._blown_mps = wind_mps
+            for write, value in zip(self._set_wind, wind_mps, strict=True):
+                write(value / _FT)
+
+    def _sheltered(self, north_mps: float, east_mps: float, down_mps: float) -> Vector:
+        heading = self._attitude[2]()
+        ahead, beside = math.cos(heading), math.sin(heading)
+        speed_mps = max(0.0, (self._velocity[0]() * ahead + self._velocity[1]() * beside) * _FT)
+        along_mps = min(north_mps * ahead + east_mps * beside, 0.5 * speed_mps)
+        airspeed_mps = speed_mps - along_mps
+        across_mps = max(-airspeed_mps, min(airspeed_mps, east_mps * ahead - north_mps * beside))
+        return along_mps * ahead - across_mps * beside, along_mps * beside + across_mps * ahead, down_mps
 
     def set_turbulence(self, severity: int, wind_at_6m_mps: float) -> None:
         """Dryden turbulence of MIL-F-8785C: severity 0 (none) to 7, 4 is moderate; low down the wind counts instead."""
@@ -285,6 +316,7 @@ class Aircraft:
 
     def advance(self, steps: int) -> None:
         """Step the dynamics, summing what an IMU would feel."""
+        self._blow()
         run = self._run
         sum_nx, sum_ny, sum_nz, sum_p, sum_q, sum_r = self._sums
         nx, ny, nz = self._load_factors
@@ -393,13 +425,24 @@ class Aircraft:
             bad = ", ".join(name for name, value in truth._asdict().items() if not math.isfinite(value))
             raise SimulationError(f"at {truth.time_us / 1e6:.2f} s the flight dynamics diverged: {bad} not finite")
         height_m = truth.altitude_amsl_m - self._ground_m
-        buried = height_m < _BURIED * self._rest_height_m
-        if buried or (height_m < self._rest_height_m + 1.0 and truth.down_mps > _CRASH_MPS):
-            where = "is below the ground" if buried else "hit the ground"
-            raise SimulationError(
-                f"at {truth.time_us / 1e6:.2f} s the aircraft {where}: {height_m:.1f} m above a field at "
-                f"{self._ground_m:.1f} m, sinking at {truth.down_mps:.1f} m/s"
-            )
+        if height_m > self._rest_height_m + 1.0:
+            return
+        if height_m < _BURIED * self._rest_height_m:
+            fate = "is below the ground"
+        elif truth.down_mps > _CRASH_MPS:
+            fate = "hit the ground"
+        elif (
+            height_m < self._rest_height_m + _TIPPED_M
+            and math.cos(truth.roll_rad) * math.cos(truth.pitch_rad) < _TIPPED
+        ):
+            fate = "hit the ground with more than its wheels"
+        else:
+            return
+        raise SimulationError(
+            f"at {truth.time_us / 1e6:.2f} s the aircraft {fate}: {height_m:.1f} m above a field at "
+            f"{self._ground_m:.1f} m, sinking at {truth.down_mps:.1f} m/s, bank {math.degrees(truth.roll_rad):.0f}, "
+            f"pitch {math.degrees(truth.pitch_rad):.0f} degrees"
+        )
 
 
 def _load(name: str) -> "jsbsim.FGFDMExec":  # type: ignore[name-defined]  # noqa: F821

@@ -195,8 +195,10 @@ class Autopilot:
         self._pitch_command = max(self._pitch_command - 0.035 * _DT_S, -0.02)
         slow = truth.airspeed_mps < 0.5 * self.gains.rotate_mps
         elevator = 0.0 if slow else self._elevator(truth, self._pitch_command)
+        # A side wind would lift the wing that it meets until the other touches the ground: four times as firmly.
+        aileron = self._aileron(truth, -3.0 * truth.roll_rad)
         return Controls(
-            elevator, self._aileron(truth, 0.0), rudder, -self.gains.speedbrake, target.brake,
+            elevator, aileron, rudder, -self.gains.speedbrake, target.brake,
             self.gains.nose_wheel * rudder, self._flap_setting, lift_dump=1.0,
         )  # fmt: skip
 

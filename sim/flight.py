@@ -42,6 +42,8 @@ MOTION_US = 1_000_000 // UPDATE_HZ
 _WEATHER_US = 100_000
 _STRAYED_M = 200.0
 """from the altitude of a hold; gusts, waves and turns in the scenarios that come with it move it by 60 m at most"""
+_LIFTED_M = 3.0
+"""height of the centre of gravity, at most 1.7 m on the wheels, of which no aircraft stands any more"""
 _LATE_S = 0.5
 """Further behind than this, the pace gives the time up for lost instead of rushing after it."""
 _READS_PER_TICK = 32
@@ -302,6 +304,11 @@ class Flight:
             self._stall.check(truth, self.profile.leg, self.profile.describe)
         if isinstance(self.profile.leg, Hold):
             self._check_altitude(truth, target)
+        if target.mode is Mode.PARKED and truth.altitude_amsl_m > self.aircraft.ground_m + _LIFTED_M:
+            raise SimulationError(
+                f"at {truth.time_us / 1e6:.2f} s the wind lifted the aircraft off the ground during "
+                f"'{self.profile.describe()}': give it calmer weather"
+            )
         if truth.on_ground and target.mode in _AIRBORNE:
             raise SimulationError(
                 f"at {truth.time_us / 1e6:.2f} s the aircraft hit the ground during '{self.profile.describe()}', "

@@ -101,8 +101,10 @@ class Scenario(Settings):
 
     @model_validator(mode="after")
     def _can_be_flown(self) -> "Scenario":
+        if self.aircraft not in MODELS:
+            raise ValueError(f"aircraft: no '{self.aircraft}'; give one of {', '.join(MODELS)}")
         check_rates(self.streams_hz, FLAVOURS[self.flavour])
-        check_order([leg.leg for leg in self.profile], MODELS.get(self.aircraft), aloft=self.aloft is not None)
+        check_order([leg.leg for leg in self.profile], MODELS[self.aircraft], aloft=self.aloft is not None)
         for before, after in zip(self.profile, (*self.profile[1:], None), strict=True):
             if isinstance(before, Land) and before.touch_and_go and not isinstance(after, TakeOff):
                 raise ValueError("a touch-and-go is followed by a take_off")
@@ -117,8 +119,6 @@ class Scenario(Settings):
         return self
 
     def _check_airspeeds(self) -> None:
-        if self.aircraft not in GAINS:
-            return
         least_mps = GAINS[self.aircraft].minimum_mps
         for place in (*self.profile, self.aloft):
             airspeed_mps = getattr(place, "airspeed_mps", None)
@@ -128,12 +128,12 @@ class Scenario(Settings):
                 )
 
 
-def check_order(legs: Sequence[str], model: Model | None, *, aloft: bool) -> None:
+def check_order(legs: Sequence[str], model: Model, *, aloft: bool) -> None:
     """That each leg begins where the one before has ended, on the ground or in the air, with an engine if it needs one.
 
     Raises `ValueError`.
     """
-    if model is not None and not model.engines:
+    if not model.engines:
         if not aloft:
             raise ValueError("this aircraft has no engine: give it an altitude to start at (aloft)")
         legs_with_power = [leg for leg in legs if leg in ("take_off", "climb", "hold", "descend")]

@@ -16,7 +16,7 @@ from pydantic import Field, model_validator
 from companion.config import Settings
 from sim.aircraft import Aircraft, Truth
 from sim.weather.column import Column, pressure_altitude_m, standard_k
-from sim.weather.fields import Change, Diurnal, Front, Gradient, Gust, MountainWave, Place, Time, Wind
+from sim.weather.fields import Change, Diurnal, Front, Gradient, Gust, MountainWave, Place, ReportedGusts, Time, Wind
 from sim.weather.metar import Day, Metar
 from sim.weather.ramp import Ramp
 
@@ -144,7 +144,7 @@ class Weather:
 
     def __init__(self, config: WeatherConfig, aircraft: Aircraft) -> None:
         self._aircraft = aircraft
-        self._fields = config.fields
+        self._fields: list[Front | Gradient | Diurnal | MountainWave | Gust | ReportedGusts] = [*config.fields]
         latitude_deg, longitude_deg, _ = aircraft.position()
         self._origin_deg = (latitude_deg, longitude_deg)
         layers = Column([(point.altitude_amsl_m, point.offset_k) for point in config.profile])
@@ -152,6 +152,8 @@ class Weather:
         self._pressure_hpa, self._offset_k = Ramp(day.sea_level_hpa, STANDARD_HPA), Ramp(day.offset_k, 0.0)
         self._humidity = Ramp(day.relative_humidity, 0.0)
         self._wind_mps = Ramp(day.north_mps, 0.0), Ramp(day.east_mps, 0.0)
+        if any(gust for _, gust in day.gust_mps):
+            self._fields.append(ReportedGusts(Ramp(day.gust_mps, 0.0)))
         moist = any(humidity for _, humidity in day.relative_humidity)
         self._column = layers if config.profile or moist else None
         self._standard, self._own = Column(), Column()
@@ -174,6 +176,7 @@ class Weather:
             [(0.0, config.relative_humidity)],
             [(0.0, north_mps)],
             [(0.0, east_mps)],
+            [],
         )
 
     def at(self, time_s: float) -> tuple[float, float]:

@@ -4,7 +4,7 @@ Each is a section of a scenario and says what it changes `at` a place and time; 
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field
@@ -18,6 +18,8 @@ _FRICTION_HEIGHT_M, _FRICTION_KEEPS, _FRICTION_TURN_RAD = 600.0, 0.6, math.radia
 """the friction layer: at the ground the wind has six tenths of its strength and blows 25 degrees towards the low"""
 _STABILITY_HZ = 0.012
 """Brunt and Vaisala's frequency (rad/s) of a standard troposphere"""
+_GUST_EVERY_S, _GUST_S = 60.0, 12.0
+_GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 
 Time = Annotated[float, Field(ge=0.0, le=1e6)]
 Speed = Annotated[float, Field(ge=0.0, le=80.0)]
@@ -190,6 +192,29 @@ class Gust(Settings):
             -size * self.speed_mps * math.sin(direction),
             -size * self.up_mps,
         )
+
+
+class ReportedGusts(NamedTuple):
+    """The gusts of weather reports: once a minute the wind rises, (1 - cos) in time, and falls again.
+
+    A station reports the highest wind of ten minutes. When in its minute a gust comes, and which part of the reported
+    one it is, follows multiples of irrational numbers, which leave no gaps: the strongest of ten is above nine tenths.
+    """
+
+    excess_mps: Callable[[float], float]
+    """over time: how far the reported gusts are above the mean wind"""
+
+    def at(self, place: Place) -> Change:
+        excess_mps, speed_mps = self.excess_mps(place.time_s), math.hypot(*place.wind_mps)
+        if excess_mps <= 0.0 or speed_mps <= 0.0:
+            return Change()
+        minute, second = divmod(place.time_s, _GUST_EVERY_S)
+        share = (second - (minute * _GOLDEN % 1.0) * (_GUST_EVERY_S - _GUST_S)) / _GUST_S
+        if not 0.0 < share < 1.0:
+            return Change()
+        part = 0.5 + 0.5 * (minute * math.sqrt(2.0) % 1.0)
+        size = part * 0.5 * (1.0 - math.cos(math.tau * share)) * excess_mps / speed_mps
+        return Change(north_mps=size * place.wind_mps[0], east_mps=size * place.wind_mps[1])
 
 
 class MountainWave(Settings):

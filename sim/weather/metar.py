@@ -27,6 +27,8 @@ class Report(NamedTuple):
     temperature_k: float | None
     dew_point_k: float | None
     wind_mps: tuple[float, float] | None
+    gust_mps: float | None
+    """above the mean wind; 0 when there is a wind and no word of gusts"""
 
 
 Points = list[tuple[float, float]]
@@ -40,13 +42,14 @@ class Day(NamedTuple):
     relative_humidity: Points
     north_mps: Points
     east_mps: Points
+    gust_mps: Points
 
 
 class Metar(Settings):
     """Reports of one station, in the order of their times; the first is the boot."""
 
     reports: Annotated[tuple[str, ...], Field(min_length=1, max_length=1000)]
-    """METAR lines; pressure, temperature, dew point and mean wind count, gusts do not (see turbulence and gusts)"""
+    """METAR lines; pressure, temperature, dew point, mean wind and its gusts (one a minute) count"""
     hurry: Annotated[float, Field(ge=1.0, le=1000.0)] = 1.0
     """how many times as fast as in reality the day goes by"""
 
@@ -69,7 +72,7 @@ class Metar(Settings):
         """
         column.solve(0.0, 0.0)
         usual_k, standard_pa = column.at(elevation_m, 1.0).temperature_k, Column().at(elevation_m, 1.0).pressure_pa
-        day = Day([], [], [], [], [])
+        day = Day([], [], [], [], [], [])
         reports = [(report.time_s / self.hurry, report) for report in parse(self.reports)]
         for time_s, report in reports:
             if report.temperature_k is not None:
@@ -80,6 +83,8 @@ class Metar(Settings):
             if report.wind_mps is not None:
                 day.north_mps.append((time_s, report.wind_mps[0]))
                 day.east_mps.append((time_s, report.wind_mps[1]))
+            if report.gust_mps is not None:
+                day.gust_mps.append((time_s, report.gust_mps))
         offset_k, humidity = Ramp(day.offset_k, 0.0), Ramp(day.relative_humidity, 0.0)
         for time_s, report in reports:
             if report.qnh_hpa is not None:  # through the air that will be flown in, which other reports may tell
@@ -125,16 +130,17 @@ def parse(lines: tuple[str, ...]) -> list[Report]:
         time_s -= first_s
         if found and time_s <= found[-1].time_s:
             raise SimulationError(f"'{line}' is not later than the report before it")
+        speed_mps, gust_mps = (
+            None if s is None else float(s.value("MPS")) for s in (report.wind_speed, report.wind_gust)
+        )
         found.append(
             Report(
                 time_s,
                 None if report.press is None else report.press.value("HPA"),
                 None if report.temp is None else report.temp.value("C") + 273.15,
                 None if report.dewpt is None else report.dewpt.value("C") + 273.15,
-                _wind(
-                    None if report.wind_speed is None else float(report.wind_speed.value("MPS")),
-                    None if report.wind_dir is None else float(report.wind_dir.value()),
-                ),
+                _wind(speed_mps, None if report.wind_dir is None else float(report.wind_dir.value())),
+                None if speed_mps is None else max(0.0, min(gust_mps or 0.0, 60.0) - speed_mps),
             )
         )
     return found

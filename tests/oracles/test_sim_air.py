@@ -104,12 +104,41 @@ def test_specific_force_at_rest_is_one_local_gravity_upwards() -> None:
     assert motion.angular_rate_b_radps == pytest.approx((0.0, 0.0, 0.0), abs=1e-4)  # the Earth's 7e-5 rad/s
 
 
-@pytest.mark.parametrize(("from_deg", "headwind_mps"), [(90.0, 12.0), (150.0, 6.0)])
-def test_the_wind_blows_from_where_it_says(from_deg: float, headwind_mps: float) -> None:
-    aircraft = Aircraft(heading_deg=90.0)
+@pytest.mark.parametrize(("from_deg", "ahead_mps", "right_mps"), [(90.0, 12.0, 0.0), (150.0, 6.0, 10.392)])
+def test_the_wind_blows_from_where_it_says(from_deg: float, ahead_mps: float, right_mps: float) -> None:
+    aircraft = Aircraft(heading_deg=90.0, aloft=(500.0, 60.0))
+    before = air_from(aircraft)
     Weather(WeatherConfig(wind=Wind(speed_mps=12.0, from_deg=from_deg)), aircraft)
     aircraft.advance(2)
-    assert aircraft._fdm["velocities/u-aero-fps"] * 0.3048 == pytest.approx(headwind_mps, rel=0.02)
+    ahead, right = air_from(aircraft)
+    assert ahead - before[0] == pytest.approx(ahead_mps, abs=0.2)
+    assert right - before[1] == pytest.approx(right_mps, abs=0.2)
+
+
+def air_from(aircraft: Aircraft) -> tuple[float, float]:
+    """How fast the air comes, from ahead and from the right (m/s)."""
+    return aircraft._fdm["velocities/u-aero-fps"] * 0.3048, aircraft._fdm["velocities/v-aero-fps"] * 0.3048
+
+
+@pytest.mark.parametrize("from_deg", [60.0, 90.0, 180.0, 270.0])
+@pytest.mark.parametrize("model", ["c172p", "737", "f16"])
+def test_what_stands_in_the_wind_stands_still(model: str, from_deg: float) -> None:
+    """JSBSim's models know no air from the side: without shelter a trainer lies on its back within seconds."""
+    for speed_mps in (5.0, 15.0):
+        aircraft = Aircraft(model, heading_deg=0.0)
+        Weather(WeatherConfig(wind=Wind(speed_mps=speed_mps, from_deg=from_deg)), aircraft)
+        aircraft.settle()
+        aircraft.advance(10 * STEP_HZ)
+        truth = aircraft.truth()
+        assert abs(truth.roll_rad) < 0.03
+        assert abs(truth.pitch_rad) < 0.06
+        assert math.hypot(truth.north_mps, truth.east_mps, truth.down_mps) < 0.1
+
+
+def test_a_headwind_is_felt_on_the_wheels() -> None:
+    aircraft = Aircraft(heading_deg=90.0)
+    Weather(WeatherConfig(wind=Wind(speed_mps=12.0, from_deg=110.0)), aircraft)
+    aircraft.settle()
     # At sea level on a standard day calibrated airspeed is true airspeed.
     assert aircraft.truth().airspeed_mps == pytest.approx(12.0, rel=0.02)
 
@@ -154,6 +183,17 @@ def test_below_the_ground_is_an_error() -> None:
         SimulationError, match=r"^at 0\.\d\d s the aircraft is below the ground: -12\.0 m above a field"
     ):
         aircraft._check(truth._replace(altitude_amsl_m=288.0))
+
+
+@pytest.mark.parametrize(("roll_rad", "pitch_rad"), [(math.pi, 0.0), (-0.39, -0.22)])
+def test_what_lies_on_its_back_or_its_wing_tip_is_an_error(roll_rad: float, pitch_rad: float) -> None:
+    aircraft = parked(300.0)
+    truth = aircraft.truth()._replace(roll_rad=roll_rad, pitch_rad=pitch_rad)
+    with pytest.raises(
+        SimulationError, match=r"^at 0\.\d\d s the aircraft hit the ground with more than its wheels: .* bank -?\d+"
+    ):
+        aircraft._check(truth)
+    aircraft._check(truth._replace(altitude_amsl_m=truth.altitude_amsl_m + 2.0))
 
 
 def test_a_state_that_is_not_finite_is_an_error_that_names_it() -> None:

@@ -218,7 +218,7 @@ def test_a_mountain_wave_lifts_and_misleads() -> None:
 
 
 def test_the_fields_reach_the_aircraft() -> None:
-    aircraft = Aircraft(field_elevation_m=300.0)
+    aircraft = Aircraft(field_elevation_m=300.0, aloft=(500.0, 50.0))
     weather = Weather(
         config(
             pressure=[{"time_s": 0, "sea_level_hpa": 1020}],
@@ -305,6 +305,8 @@ def test_reports_are_read() -> None:
     assert reports[0].dew_point_k == pytest.approx(277.15)
     assert reports[2].dew_point_k is None
     assert reports[1].wind_mps == pytest.approx((0.0, 18.0 * 1852.0 / 3600.0), abs=0.01)
+    assert reports[1].gust_mps == pytest.approx(12.0 * 1852.0 / 3600.0, abs=0.01)
+    assert reports[0].gust_mps == 0.0
     assert reports[2].temperature_k is None
     assert reports[2].wind_mps == (0.0, 0.0)
     assert reports[3].qnh_hpa == pytest.approx(1013.2, abs=0.1)
@@ -365,6 +367,37 @@ def test_a_report_without_temperature_keeps_its_qnh(elevation_m: float) -> None:
         weather.update(time_s)
         aircraft.advance(2)
         assert weather.truth(aircraft.truth()).qnh_pa == pytest.approx(101_000.0, abs=5.0)
+
+
+def test_the_strongest_gust_of_ten_minutes_is_the_reported_one() -> None:
+    reports = ["LSZH 121020Z 24015G25KT CAVOK 15/05 Q1013", "LSZH 121120Z 24015G25KT CAVOK 15/05 Q1013"]
+    weather = Weather(config(metar={"reports": reports}), Aircraft())
+    speeds_mps = []
+    for time_s in np.arange(0.0, 3600.0, 0.5):
+        weather.update(float(time_s))
+        north_mps, east_mps = weather.now.north_mps, weather.now.east_mps
+        speeds_mps.append(math.hypot(north_mps, east_mps))
+        assert math.degrees(math.atan2(-east_mps, -north_mps)) % 360.0 == pytest.approx(240.0)
+    knots = np.array(speeds_mps).reshape(6, -1) * 3600.0 / 1852.0
+    assert knots.min() == pytest.approx(15.0)
+    assert np.all((knots.max(axis=1) > 24.0) & (knots.max(axis=1) <= 25.0))
+    assert np.median(knots) == pytest.approx(15.0)  # lulls are longer than gusts
+
+
+def test_gusts_come_and_go_with_their_reports() -> None:
+    weather = Weather(config(metar={"reports": DAY}), Aircraft())
+    gusty = [hour_s for hour_s in (0.0, 3600.0, 7200.0) if any(gusts(weather, hour_s))]
+    assert gusty == [3600.0]
+
+
+def gusts(weather: Weather, start_s: float) -> list[bool]:
+    """Whether the wind blows harder than it does on the whole, in the minute around `start_s`."""
+    found = []
+    for time_s in np.arange(max(0.0, start_s - 30.0), start_s + 30.0):
+        weather.update(float(time_s))
+        mean_mps = math.hypot(*(ramp(float(time_s)) for ramp in weather._wind_mps))
+        found.append(math.hypot(weather.now.north_mps, weather.now.east_mps) > mean_mps + 1.0)
+    return found
 
 
 def test_metars_need_no_clock_of_the_host(monkeypatch: pytest.MonkeyPatch) -> None:

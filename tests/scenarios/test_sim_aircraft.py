@@ -102,6 +102,54 @@ def test_an_emergency_descent_keeps_its_rate() -> None:
     assert abs(final[-1] - 6000.0) < 5.0
 
 
+def test_a_continuous_descent_keeps_its_rate_for_minutes() -> None:
+    legs = [
+        {"leg": "hold", "duration_s": 60},
+        {"leg": "descend", "altitude_amsl_m": 2500, "rate_mps": 10, "airspeed_mps": 120},
+        {"leg": "hold", "duration_s": 40},
+    ]
+    rows = flown(flight("737", legs, aloft={"altitude_amsl_m": 5000}))
+    steady = [t.climb_mps for t, leg, s in rows if isinstance(leg, Descend) and s > 40.0 and t.altitude_amsl_m > 2800.0]
+    assert len(steady) > 120 * 50
+    errors_mps = np.abs(np.array(steady) + 10.0)
+    assert errors_mps.max() < 2.5  # when 120 m/s are reached the speed brakes go in
+    assert np.percentile(errors_mps, 90) < 0.6
+    assert max(abs(t.altitude_amsl_m - 2500.0) for t, leg, _ in rows if leg is rows[-1][1]) < 10.0
+
+
+def test_low_level_ups_and_downs_overshoot_by_metres() -> None:
+    rate = {"rate_mps": 25, "airspeed_mps": 200}
+    legs: list[dict[str, Any]] = [
+        {"leg": "descend", "altitude_amsl_m": 450, **rate},
+        {"leg": "climb", "altitude_amsl_m": 1000, **rate},
+        {"leg": "descend", "altitude_amsl_m": 450, **rate},
+        {"leg": "hold", "duration_s": 15, "airspeed_mps": 200},
+    ]
+    rows = flown(flight("f16", legs, aloft={"altitude_amsl_m": 1000, "airspeed_mps": 200}))
+    climbs_mps = [truth.climb_mps for truth, *_ in rows]
+    assert 24.0 < max(climbs_mps) < 26.5
+    assert -26.5 < min(climbs_mps) < -24.0
+    heights_m = [truth.altitude_amsl_m for truth, *_ in rows]
+    assert 435.0 < min(heights_m) < 455.0  # a level-off from 25 m/s
+    assert 995.0 < max(heights_m) < 1015.0
+
+
+def test_a_touch_and_go_touches_on_the_runway_and_goes() -> None:
+    legs: list[dict[str, Any]] = [
+        {"leg": "land", "touch_and_go": True},
+        {"leg": "take_off"},
+        {"leg": "climb", "altitude_amsl_m": 450},
+    ]
+    going = flight("c172p", legs, aloft={"altitude_amsl_m": 450})
+    rows = flown(going)
+    assert_lands(going, rows)
+    wheels = [truth for truth, *_ in rows if truth.on_ground]
+    assert 4.0 <= len(wheels) * 0.02 < 15.0
+    assert min(truth.airspeed_mps for truth in wheels) > 20.0  # it never stops
+    assert max(abs(truth.latitude_deg - 47.0) for truth in wheels) * 111_195.0 < 12.0
+    assert rows[-1][0].altitude_amsl_m > 440.0
+
+
 def test_a_spiral_holds_its_bank_and_a_glide_its_airspeed() -> None:
     legs = [
         {"leg": "glide", "altitude_amsl_m": 940, "airspeed_mps": 22},
@@ -151,6 +199,24 @@ def test_the_trainer_lands_in_wind(from_deg: float) -> None:
     legs: list[dict[str, Any]] = [{"leg": "hold", "duration_s": 20}, {"leg": "land"}]
     landing = flight("c172p", legs, aloft={"altitude_amsl_m": 500}, weather=weather)
     assert_lands(landing, flown(landing))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("from_deg", [0, 180])
+def test_the_trainer_lands_in_the_side_wind_it_may_land_in(from_deg: float) -> None:
+    """Its handbook says 15 kt; here with both wing tips off the ground to the end."""
+    legs: list[dict[str, Any]] = [{"leg": "land"}, {"leg": "wait", "duration_s": 10}]
+    weather = {"wind": {"speed_mps": 8, "from_deg": from_deg}}
+    landing = flight("c172p", legs, aloft={"altitude_amsl_m": 450}, weather=weather)
+    rows = flown(landing)
+    assert_lands(landing, rows)
+    assert max(abs(truth.roll_rad) for truth, *_ in rows if truth.on_ground) < math.radians(8.0)
+
+
+def test_a_storm_that_lifts_what_stands_ends_the_flight() -> None:
+    storm = flight("c172p", [{"leg": "wait", "duration_s": 5}], weather={"wind": {"speed_mps": 40, "from_deg": 90}})
+    with pytest.raises(SimulationError, match=r"^at \d\.\d\d s the wind lifted the aircraft .* during 'Standing'"):
+        flown(storm)
 
 
 @pytest.mark.parametrize("name", ["737", "f16", "sgs126"])

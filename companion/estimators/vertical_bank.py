@@ -12,6 +12,9 @@ between the measurements (`integrate`); the channels are propagated only when a 
 exact, since bias and state do not change in between. A measurement older than that instant sees the height of its own
 time. A stretch without IMU samples that can be integrated counts as blind: no acceleration, much noise.
 
+Specific force is as noisy as its changes from sample to sample show (`note_shake`), and as the doubt in the attitude
+makes it when the vehicle turns (`note_tilt`).
+
 Measurements
 ------------
 Pressure is geometric height of the standard atmosphere, h + o + e. Its noise is no less than the median of what
@@ -146,6 +149,8 @@ OUTPUT_US = 100_000
 SOFT_SIGMA = 3.0
 NOISE_STEP = 0.1
 MEDIAN_TO_SD = 1.4826
+LEAST_NOISE_M = 0.1
+"""1.2 Pa, as good barometers have"""
 FASTEST_CLIMB_MPS = 200.0
 VAGUE_TILT_RAD = 0.2
 """by which gravity alone shows 0.2 m/s2 too little: as much as the prior of the accelerometer's bias"""
@@ -169,6 +174,7 @@ STATE = state_dtype(
 
 PARAMS = np.dtype(
     [
+        ("integrity", "i8"),
         ("vehicle_attitude", "i8"),
         ("accel_noise_mps2", "f8"),
         ("blind_noise_mps2", "f8"),
@@ -204,14 +210,16 @@ class VerticalBankSettings(Settings):
     """Section ``estimators.vertical-bank``. Each state can be switched off by a spread of 0, the bank by three equal
     rates."""
 
+    integrity: bool = True
+    """name a sensor that is wrong, and leave it out; without this, whatever is plausible is taken"""
     vehicle_attitude: bool = False
     """prefer the autopilot's attitude while it agrees with our own; an EKF's is wild while it starts and when jammed"""
     accel_noise_mps2: float = Field(0.05, gt=0, le=10)
     """white noise of the upward acceleration in the mean of a second, vibration and attitude included"""
     blind_noise_mps2: float = Field(1.5, gt=0, le=100)
     """the same without IMU: manoeuvres"""
-    tilt_ratio: float = Field(0.0, ge=0, le=10)
-    """noise that a wrong attitude adds while the horizontal force changes, as a share of what its spread says"""
+    tilt_ratio: float = Field(1.0, ge=0, le=10)
+    """noise that a wrong attitude adds while the horizontal force changes, over what its spread says"""
     accel_bias_sd_mps2: float = Field(0.2, ge=0, le=10)
     """of a consumer accelerometer after warm-up, and a tilt of some degrees"""
     accel_bias_walk_mps2: float = Field(2e-3, ge=0, le=1)
@@ -414,7 +422,7 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     if is_blamed(state, BAROMETER):
         if not baro_comes_back(state, params, baro_m, white_m):
             verdict = GATED
-    elif watch_baro(state, params, baro_m, white_m * white_m):
+    elif watch_baro(state, baro_m, shown_noise_m(state) ** 2):
         blame(state, BAROMETER)
         verdict = GATED
     if verdict == USED:
@@ -477,7 +485,13 @@ def baro_white_m(state: Rows, params: Rows, baro_m: float) -> float:
 @step
 def baro_noise_m(state: Rows, params: Rows) -> float:
     """The same, as it is known so far."""
-    return max(params[0].baro_sd_m, MEDIAN_TO_SD / math.sqrt(2.0) * state[0].baro_median_m)
+    return max(params[0].baro_sd_m, shown_noise_m(state))
+
+
+@step
+def shown_noise_m(state: Rows) -> float:
+    """What the stream shows, without wander that a look at consecutive heights misses: for faults of seconds."""
+    return max(LEAST_NOISE_M, MEDIAN_TO_SD / math.sqrt(2.0) * state[0].baro_median_m)
 
 
 @step

@@ -62,10 +62,8 @@ from companion.estimators.vertical_mixture import (
     TAKEOFF,
     combine,
     expect_weather,
-    inertial_psd,
     is_inertial,
     mixture_start,
-    tilt_mps2_squared,
 )
 from companion.estimators.vertical_spares import RECEIVER, a_witness_agrees
 from companion.jit import step
@@ -124,6 +122,7 @@ STIFF_REFERENCE_M = 0.1
 def integrity_fields() -> tuple[tuple[Any, ...], ...]:
     """The state fields of this component."""
     return (
+        ("watching", "i8"),  # whether anybody may be blamed
         ("blamed_us", "i8", (len(Fault),)),  # since when, -1 healthy
         ("baro_value_us", "i8"),  # since when the barometer repeats its value
         ("baro_repeats", "i8"),
@@ -171,6 +170,7 @@ def integrity_fields() -> tuple[tuple[Any, ...], ...]:
 def integrity_start(state: Rows, params: Rows) -> None:
     """Nobody is blamed."""
     s = state[0]
+    s.watching = params[0].integrity
     for i in range(s.blamed_us.size):
         s.blamed_us[i] = -1
     s.baro_value_us, s.baro_repeats, s.baro_interval_s, s.baro_frozen = -1, 0, math.nan, 0
@@ -253,7 +253,8 @@ def note_repeat(state: Rows, time_us: int, moved_m: float) -> None:
     s.baro_repeats += 1
     interval_s = REST_S if math.isnan(s.baro_interval_s) else s.baro_interval_s
     long = (time_us - s.baro_value_us) * 1e-6 >= FROZEN_INTERVALS * interval_s
-    if long and s.baro_repeats >= FROZEN_REPEATS and abs(moved_m) > FROZEN_MOTION_M and not is_blamed(state, BAROMETER):
+    moved = abs(moved_m) > FROZEN_MOTION_M
+    if s.watching == 1 and long and s.baro_repeats >= FROZEN_REPEATS and moved and not is_blamed(state, BAROMETER):
         s.baro_frozen = 1
         blame(state, BAROMETER)
 
@@ -301,14 +302,11 @@ def seed_stiff(state: Rows, i: int, height_m: float, error_m: float) -> None:
 
 
 @step
-def watch_baro(state: Rows, params: Rows, baro_m: float, R: float) -> bool:
+def watch_baro(state: Rows, baro_m: float, R: float) -> bool:
     """Whether the barometer has just begun to be wrong, as the stiff copy sees it; that takes the measurement in.
 
-    What may look so without being it: a climb that the air's scale feigns, and an attitude that is wrong in a turn.
-
-    A wrong acceleration a stays a / w2 of innovation, where the copy's bandwidth is w4 = noise of the acceleration over
-    that of the barometer. Without GNSS it is the barometer against the IMU, and the one that stays bounded is believed,
-    unless it jumped.
+    What may look so without being it: a climb that the air's scale feigns. Without GNSS it is the barometer against the
+    IMU, and the one that stays bounded is believed, unless it jumped.
     """
     s = state[0]
     if s.stiff_seeded == 0:
@@ -322,9 +320,7 @@ def watch_baro(state: Rows, params: Rows, baro_m: float, R: float) -> bool:
     S = R + gather(s.P[STIFF], s.H, s.K)
     interval_s = 0.0 if math.isnan(s.baro_interval_s) else s.baro_interval_s
     by_scale_m = SCALE_TIME_S * s.average[CLIMB] * math.sqrt(s.cov[SCALE, SCALE])
-    tilt2 = tilt_mps2_squared(state)
-    by_tilt_m2 = tilt2 * R * interval_s / inertial_psd(state, params) if tilt2 > 0.0 else 0.0
-    normal = innovation / math.sqrt(S + by_scale_m * by_scale_m + by_tilt_m2)
+    normal = innovation / math.sqrt(S + by_scale_m * by_scale_m)
     kept = (1 << ONSET_OF) - 1
     s.onset_above = ((s.onset_above << 1) | (1 if normal > ONSET_SIGMA else 0)) & kept
     s.onset_below = ((s.onset_below << 1) | (1 if normal < -ONSET_SIGMA else 0)) & kept
@@ -334,7 +330,7 @@ def watch_baro(state: Rows, params: Rows, baro_m: float, R: float) -> bool:
         absorb(s.x[STIFF], s.P[STIFF], s.K, innovation, S)
     if abs(s.baro_change_m) > JUMP_SIGMA * math.sqrt(2.0 * R):
         s.baro_jump_us = s.filter_us
-    if stands_alone(state):
+    if s.watching == 0 or stands_alone(state):
         return False
     fails = max(bits(s.onset_above), bits(s.onset_below)) >= ONSET_FAILS
     mean_sd = math.sqrt(share / (2.0 - share))
@@ -386,7 +382,7 @@ def note_clipped(state: Rows, innovation_m: float) -> None:
     if abs(s.baro_clipped) < CLIPPED_TO_RELEARN:
         return
     s.baro_clipped = 0
-    if stands_alone(state) and is_inertial(state):
+    if s.watching == 1 and stands_alone(state) and is_inertial(state):
         blame_imu(state)
         s.unwitnessed = 1
     else:
@@ -418,6 +414,8 @@ def relearn_offset(state: Rows, variance_m2: float) -> None:
 def watch_fix(state: Rows, failed: bool) -> bool:
     """Count fixes beyond the gate, and blame for four of five; whether this fix may be taken."""
     s = state[0]
+    if s.watching == 0:
+        return True
     s.failed_fixes = ((s.failed_fixes << 1) | (1 if failed else 0)) & ((1 << FIXES) - 1)
     if not failed:
         s.near_fix_m, s.silence_s, s.unwitnessed = s.innovation_m, 0.0, 0
@@ -593,7 +591,7 @@ def separate(state: Rows, params: Rows) -> None:
     present slope, began to |separation| / |slope| ago: of those seeded before that, the youngest is the one to trust.
     """
     s = state[0]
-    if is_blamed(state, BAROMETER) or is_blamed(state, GNSS_HEIGHT) or is_blamed(state, INERTIAL):
+    if s.watching == 0 or blamed_now(state) != NOBODY:
         return
     oldest, youngest_us, onset_s = oldest_copy(state), -1, math.nan
     for j in range(FREE):

@@ -38,8 +38,6 @@ CHANNELS = NO_GNSS + FREE
 
 BLIND_US = 250_000
 """IMU samples further apart than this leave a gap that nothing is known about"""
-NORMAL_INTERVAL_S = 0.02
-"""of an IMU stream with the noise of the settings; a slower one misses motion in between"""
 LONGEST_STEP_S, MOST_STEPS = 1.0, 100
 MIX_US = 1_000_000
 RING_SIZE = 160
@@ -71,6 +69,7 @@ def mixture_fields() -> tuple[tuple[Any, ...], ...]:
         ("mixed_us", "i8"),
         ("up_us", "i8"),  # newest upward acceleration
         ("up_mps2", "f8"),
+        ("shake_psd", "f8"),  # of what it changes by from sample to sample
         ("tilt_psd", "f8"),  # of its error by a wrong attitude
         ("across_new", "f8", (3,)),  # horizontal specific force in the body, over a second and over a minute
         ("across_old", "f8", (3,)),
@@ -90,7 +89,7 @@ def mixture_start(state: Rows, params: Rows) -> None:
     s, p = state[0], params[0]
     clear(s.fallen_us, s.fallen_values)
     s.filter_us, s.mixed_us, s.up_us, s.inertial_us = -1, -1, -1, -1
-    s.up_mps2, s.tilt_psd = math.nan, 0.0
+    s.up_mps2, s.shake_psd, s.tilt_psd = math.nan, 0.0, 0.0
     for i in range(3):
         s.across_new[i], s.across_old[i] = 0.0, 0.0
     s.gained_v, s.gained_h, s.gained_psd = 0.0, 0.0, 0.0
@@ -149,9 +148,9 @@ def integrate(state: Rows, params: Rows, to_us: int) -> None:
 
 @step
 def inertial_psd(state: Rows, params: Rows) -> float:
-    """Spectral density of the upward acceleration's noise at the present rate of the IMU, m2/s3."""
-    noise = params[0].accel_noise_mps2 * max(1.0, state[0].attitude_interval_s / NORMAL_INTERVAL_S)
-    return noise * noise
+    """Spectral density of the upward acceleration's noise, m2/s3: no less than the stream shows."""
+    noise = params[0].accel_noise_mps2
+    return max(noise * noise, state[0].shake_psd)
 
 
 @step
@@ -166,9 +165,23 @@ def take_acceleration(state: Rows, params: Rows, time_us: int, up_mps2: float) -
     """The upward acceleration of the stretch since the last one, if that was not long ago; NaN is unknown."""
     s = state[0]
     before_us, s.up_us = s.up_us, time_us
+    note_shake(state, up_mps2)
     s.up_mps2 = up_mps2 if time_us - before_us <= BLIND_US else math.nan
     integrate(state, params, time_us)
     s.up_mps2 = up_mps2
+
+
+@step
+def note_shake(state: Rows, up_mps2: float) -> None:
+    """What a stream misses between its samples: they stand for an interval T each, and shaken by w, for a density w2 T.
+
+    So vibration and gusts count as far as they are aliased, and a slow stream is as good as a fast one while nothing
+    shakes.
+    """
+    s, change_mps2 = state[0], up_mps2 - state[0].up_mps2
+    if not math.isnan(change_mps2):
+        share = min(1.0, s.attitude_interval_s / SHAKING_TIME_S)
+        s.shake_psd += share * (0.5 * change_mps2 * change_mps2 * s.attitude_interval_s - s.shake_psd)
 
 
 @step
@@ -193,12 +206,6 @@ def note_tilt(state: Rows, sample: Rows) -> None:
         s.across_old[i] += old_share * (across - s.across_old[i])
         changed2 += (s.across_new[i] - s.across_old[i]) ** 2
     s.tilt_psd = 2.0 * DISTURBANCE_TIME_S * s.attitude_tilt_var * changed2
-
-
-@step
-def tilt_mps2_squared(state: Rows) -> float:
-    """Variance of the upward acceleration by a wrong attitude, now."""
-    return state[0].tilt_psd / (2.0 * DISTURBANCE_TIME_S) if is_inertial(state) else 0.0
 
 
 @step

@@ -37,6 +37,8 @@ ABLATIONS: dict[str, tuple[str, ...]] = {
     "no fast barometer error": ("fast_sd_m=0",),
     "no accelerometer bias": ("accel_bias_sd_mps2=0", "accel_bias_walk_mps2=0"),
     "no inertial channel": ("accel_noise_mps2=1.5",),
+    "no noise by attitude": ("tilt_ratio=0",),
+    "nobody is named": ("integrity=false",),
     "autopilot's attitude": ("vehicle_attitude=true",),
     "QNH trusted to 1 hPa": ("offset_sd_m=8.3",),
 }

@@ -422,7 +422,7 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     if is_blamed(state, BAROMETER):
         if not baro_comes_back(state, params, baro_m, white_m):
             verdict = GATED
-    elif watch_baro(state, baro_m, shown_noise_m(state) ** 2):
+    elif watch_baro(state, params, baro_m, shown_noise_m(state) ** 2):
         blame(state, BAROMETER)
         verdict = GATED
     if verdict == USED:

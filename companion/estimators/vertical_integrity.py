@@ -62,8 +62,10 @@ from companion.estimators.vertical_mixture import (
     TAKEOFF,
     combine,
     expect_weather,
+    inertial_psd,
     is_inertial,
     mixture_start,
+    tilt_mps2_squared,
 )
 from companion.estimators.vertical_spares import RECEIVER, a_witness_agrees
 from companion.jit import step
@@ -75,6 +77,8 @@ ONSET_SIGMA, ONSET_OF, ONSET_FAILS = 4.0, 10, 8
 ONSET_TIME_S, ONSET_MEAN_SIGMA = 2.0, 6.0
 SCALE_TIME_S = 1.0
 """for so long does a climb that the air's scale feigns go unabsorbed in the stiff copy"""
+TILT_SIGMA = 4.0
+"""of a wrong attitude count as one in the stiff copy, whose mean over time does nothing against what stays"""
 ALONE_US = 3_000_000
 CLIPPED_TO_RELEARN = 15
 CLIPPED_SIGMA = 3.0
@@ -302,11 +306,14 @@ def seed_stiff(state: Rows, i: int, height_m: float, error_m: float) -> None:
 
 
 @step
-def watch_baro(state: Rows, baro_m: float, R: float) -> bool:
+def watch_baro(state: Rows, params: Rows, baro_m: float, R: float) -> bool:
     """Whether the barometer has just begun to be wrong, as the stiff copy sees it; that takes the measurement in.
 
-    What may look so without being it: a climb that the air's scale feigns. Without GNSS it is the barometer against the
-    IMU, and the one that stays bounded is believed, unless it jumped.
+    What may look so without being it: a climb that the air's scale feigns, and an attitude that is wrong in a turn.
+
+    A wrong acceleration a stays a / w2 of innovation, where the copy's bandwidth is w4 = noise of the acceleration over
+    that of the barometer. Without GNSS it is the barometer against the IMU, and the one that stays bounded is believed,
+    unless it jumped.
     """
     s = state[0]
     if s.stiff_seeded == 0:
@@ -320,7 +327,8 @@ def watch_baro(state: Rows, baro_m: float, R: float) -> bool:
     S = R + gather(s.P[STIFF], s.H, s.K)
     interval_s = 0.0 if math.isnan(s.baro_interval_s) else s.baro_interval_s
     by_scale_m = SCALE_TIME_S * s.average[CLIMB] * math.sqrt(s.cov[SCALE, SCALE])
-    normal = innovation / math.sqrt(S + by_scale_m * by_scale_m)
+    by_tilt_m2 = TILT_SIGMA * TILT_SIGMA * tilt_mps2_squared(state) * R * interval_s / inertial_psd(state, params)
+    normal = innovation / math.sqrt(S + by_scale_m * by_scale_m + by_tilt_m2)
     kept = (1 << ONSET_OF) - 1
     s.onset_above = ((s.onset_above << 1) | (1 if normal > ONSET_SIGMA else 0)) & kept
     s.onset_below = ((s.onset_below << 1) | (1 if normal < -ONSET_SIGMA else 0)) & kept

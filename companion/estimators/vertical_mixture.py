@@ -38,6 +38,8 @@ CHANNELS = NO_GNSS + FREE
 
 BLIND_US = 250_000
 """IMU samples further apart than this leave a gap that nothing is known about"""
+NORMAL_INTERVAL_S = 0.02
+"""of an IMU stream with the noise of the settings"""
 LONGEST_STEP_S, MOST_STEPS = 1.0, 100
 MIX_US = 1_000_000
 RING_SIZE = 160
@@ -77,6 +79,7 @@ def mixture_fields() -> tuple[tuple[Any, ...], ...]:
         ("gained_v", "f8"),  # integrated once and twice since filter_us
         ("gained_h", "f8"),
         ("gained_psd", "f8"),
+        ("gained_tilt_psd", "f8"),
         ("V", "f8"),  # the same since the start
         ("S", "f8"),
         ("path_m", "f8"),  # displacement since the start, without any correction
@@ -92,7 +95,7 @@ def mixture_start(state: Rows, params: Rows) -> None:
     s.up_mps2, s.shake_psd, s.tilt_psd = math.nan, 0.0, 0.0
     for i in range(3):
         s.across_new[i], s.across_old[i] = 0.0, 0.0
-    s.gained_v, s.gained_h, s.gained_psd = 0.0, 0.0, 0.0
+    s.gained_v, s.gained_h, s.gained_psd, s.gained_tilt_psd = 0.0, 0.0, 0.0, 0.0
     s.V, s.S, s.path_m = 0.0, 0.0, 0.0
     for i in range(CHANNELS):
         begin(s.x[i], s.P[i])
@@ -132,12 +135,14 @@ def integrate(state: Rows, params: Rows, to_us: int) -> None:
         return
     seen = not math.isnan(s.up_mps2) and to_us - s.up_us <= BLIND_US
     up = s.up_mps2 if seen else 0.0
-    psd = p.blind_noise_mps2 * p.blind_noise_mps2
+    psd, tilt_psd = p.blind_noise_mps2 * p.blind_noise_mps2, 0.0
     if seen:
-        psd = min(psd, inertial_psd(state, params) + p.tilt_ratio * s.tilt_psd)
+        psd = min(psd, inertial_psd(state, params))
+        tilt_psd = min(p.blind_noise_mps2 * p.blind_noise_mps2, p.tilt_ratio * s.tilt_psd)
     s.gained_h += s.gained_v * dt + 0.5 * up * dt * dt
     s.gained_v += up * dt
     s.gained_psd += psd * dt
+    s.gained_tilt_psd += tilt_psd * dt
     s.S += s.V * dt + 0.5 * up * dt * dt
     s.V += up * dt
     s.inertial_us = to_us
@@ -148,9 +153,11 @@ def integrate(state: Rows, params: Rows, to_us: int) -> None:
 
 @step
 def inertial_psd(state: Rows, params: Rows) -> float:
-    """Spectral density of the upward acceleration's noise, m2/s3: no less than the stream shows."""
+    """Spectral density of the upward acceleration's noise, m2/s3: as it shakes, but no less than that of a fast stream,
+    and no more than a slow one may miss, which grows with T^3. Vibration is a tone: it shakes more than it moves."""
     noise = params[0].accel_noise_mps2
-    return max(noise * noise, state[0].shake_psd)
+    slower = max(1.0, state[0].attitude_interval_s / NORMAL_INTERVAL_S)
+    return max(noise * noise, min(state[0].shake_psd, noise * noise * slower * slower * slower))
 
 
 @step
@@ -175,8 +182,7 @@ def take_acceleration(state: Rows, params: Rows, time_us: int, up_mps2: float) -
 def note_shake(state: Rows, up_mps2: float) -> None:
     """What a stream misses between its samples: they stand for an interval T each, and shaken by w, for a density w2 T.
 
-    So vibration and gusts count as far as they are aliased, and a slow stream is as good as a fast one while nothing
-    shakes.
+    So a slow stream is as good as a fast one while nothing shakes.
     """
     s, change_mps2 = state[0], up_mps2 - state[0].up_mps2
     if not math.isnan(change_mps2):
@@ -209,6 +215,12 @@ def note_tilt(state: Rows, sample: Rows) -> None:
 
 
 @step
+def tilt_mps2_squared(state: Rows) -> float:
+    """Variance of the upward acceleration by a wrong attitude, now."""
+    return state[0].tilt_psd / (2.0 * DISTURBANCE_TIME_S) if is_inertial(state) else 0.0
+
+
+@step
 def known_displacement(state: Rows, time_us: int) -> float:
     """T V - (S(t) - S(t - T)) of `vertical_channel`, for a measurement of `time_us`, older than the channels."""
     s = state[0]
@@ -233,18 +245,20 @@ def advance(state: Rows, params: Rows, to_us: int) -> None:
         dt = total_s / steps
         dv = s.gained_v / steps
         dh = s.gained_h if steps == 1 else 0.5 * dv * dt
-        psd, blind_psd = s.gained_psd / total_s, p.blind_noise_mps2 * p.blind_noise_mps2
+        psd, tilt_psd = s.gained_psd / total_s, s.gained_tilt_psd / total_s
+        blind_psd = p.blind_noise_mps2 * p.blind_noise_mps2
         decay(s.keep, dt, p.rate_time_s, p.fast_time_s, p.gnss_time_s)
         for _ in range(steps):
             for i in range(CHANNELS):
                 if i == NO_IMU:
                     propagate(s.x[i], s.P[i], s.keep, s.steady[i], s.walk[i], dt, 0.0, 0.0, blind_psd)
                     continue
-                moved = propagate(s.x[i], s.P[i], s.keep, s.steady[i], s.walk[i], dt, dv, dh, psd)
+                noise = psd if i == STIFF else psd + tilt_psd
+                moved = propagate(s.x[i], s.P[i], s.keep, s.steady[i], s.walk[i], dt, dv, dh, noise)
                 if i < BANK:
                     s.path_m += s.probability[i] * moved
     if to_us > s.filter_us:
-        s.gained_v, s.gained_h, s.gained_psd = 0.0, 0.0, 0.0
+        s.gained_v, s.gained_h, s.gained_psd, s.gained_tilt_psd = 0.0, 0.0, 0.0, 0.0
         s.filter_us = to_us
     mix(state, params)
 

@@ -76,6 +76,15 @@ def standard_pressure_pa(pressure_altitude: float) -> float:
 
 
 @step
+def standard_temperature_k(pressure_altitude: float) -> float:
+    """Temperature of the standard atmosphere at a geopotential height in metres."""
+    layer = 0
+    while layer < 3 and pressure_altitude >= LAYER_H_M[layer + 1]:
+        layer += 1
+    return LAYER_T_K[layer] + LAYER_L_KPM[layer] * (pressure_altitude - LAYER_H_M[layer])
+
+
+@step
 def geometric_m(geopotential: float) -> float:
     """Geometric height z = r H / (r - H) of a geopotential height: 19 m more at 11 km."""
     return EARTH_RADIUS_M * geopotential / (EARTH_RADIUS_M - geopotential)

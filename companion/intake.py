@@ -5,6 +5,7 @@ here depends on the host's clock.
 """
 
 import logging
+import math
 from collections import Counter
 from enum import StrEnum
 
@@ -17,6 +18,7 @@ from companion.screening import DatumScreen
 
 logger = logging.getLogger("kollsman.intake")
 
+ZERO_CELSIUS_K = 273.15
 WRAP_MS = 1 << 32
 WRAP_MARGIN_MS = 600_000
 UNIX_STAMP_US = 1_000_000_000_000_000
@@ -195,6 +197,13 @@ class Intake:
             self.datum.pressure(row)
         elif reading.kind is Kind.GNSS:
             self.datum.gnss(row)
+        return row
+
+    def air(self, qnh_hpa: float | None, temperature_c: float | None, at: Rows) -> Rows:
+        """The sample row, shape (1,), of what is known of the air, at the time of another row."""
+        row = self._rows[Kind.AIR]
+        air_k = math.nan if temperature_c is None else temperature_c + ZERO_CELSIUS_K
+        row[0] = (at[0]["time_us"], at[0]["arrival_us"], 0, air_k, math.nan if qnh_hpa is None else qnh_hpa * 100.0)
         return row
 
     def _reboot(self, time_us: int, arrival_us: int) -> Rows:

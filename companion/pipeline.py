@@ -84,6 +84,7 @@ class Pipeline:
         self._wanted = set(convert.CONVERTERS) | {RAW_IMU, SYSTEM_TIME, ALTITUDE, *self._listeners}
         self.observe(observer)
         self._scaled_pressure_us = -PRESSURE_TIMEOUT_US
+        self._tells_air = self._knows_air = settings.air.qnh_hpa is not None or settings.air.temperature_c is not None
         self._conflict: Callable[[Frame], None] | None = None
 
     @property
@@ -222,6 +223,7 @@ class Pipeline:
             self.health.restart()
             self.outputs.restart()
             self._scaled_pressure_us = -PRESSURE_TIMEOUT_US
+            self._tells_air = self._knows_air
             sent += self._sample(Kind.STATUS, 0, reboot)
         if time_us is None:
             return sent
@@ -245,6 +247,10 @@ class Pipeline:
         return False
 
     def _sample(self, kind: Kind, instance: int, row: Rows) -> list[bytes]:
+        if self._tells_air and kind is Kind.PRESSURE:
+            self._tells_air = False
+            known = self.settings.air
+            self._sample(Kind.AIR, 0, self.intake.air(known.qnh_hpa, known.temperature_c, row))
         verdict = self.filter.step(kind, row)
         self.verdicts[kind][verdict] += 1
         if instance == 0:

@@ -35,6 +35,15 @@ class IdentitySettings(Settings):
     """our own; another program with it on the link is refused"""
 
 
+class AirSettings(Settings):
+    """Section ``air``: what is known of the air before the flight."""
+
+    qnh_hpa: float | None = Field(None, ge=850, le=1100)
+    """of the field of the take-off; otherwise what GNSS shows"""
+    temperature_c: float | None = Field(None, ge=-90, le=60)
+    """of the air at the place of the start, in the shade; otherwise a standard day's, give or take 15 K"""
+
+
 EstimatorSections: type[Settings] = create_model(
     "EstimatorSections",
     __base__=Settings,
@@ -54,6 +63,7 @@ class CompanionSettings(Settings):
     vehicle: VehicleSettings = VehicleSettings()
     identity: IdentitySettings = IdentitySettings()
     intake: IntakeSettings = IntakeSettings()
+    air: AirSettings = AirSettings()
     health: HealthSettings = HealthSettings()
     publish: PublishSettings = PublishSettings()
     streams: StreamSettings = StreamSettings()

@@ -26,7 +26,8 @@ GNSS height is h + g. Its spread is split into a slow part, which is the state g
 since receivers claim decimetres with metres of error. Beyond five sigma a fix is refused. GNSS climb, where a source
 gives it, is taken with no less than 0.6 m/s, as its errors last.
 
-Only the prior of the offset (100 m, twelve hectopascals) says anything about the sea-level pressure.
+Only the prior of the offset (100 m, twelve hectopascals) says anything about the sea-level pressure, unless a QNH is
+given (`vertical_aids`).
 
 Breaks when
 -----------
@@ -34,10 +35,6 @@ The slow GNSS error is the floor: nothing tells it from height but a barometer t
 """
 
 import math
-from typing import Annotated
-
-import numpy as np
-from pydantic import Field
 
 from companion.atmosphere import baro_altitude_m, qnh_pa
 from companion.attitude import (
@@ -50,14 +47,15 @@ from companion.attitude import (
     up_acceleration_mps2,
     vehicle_serves,
 )
-from companion.config import Settings
 from companion.estimators.method import (
+    AIR,
     ATTITUDE,
     GATED,
     GNSS,
     IGNORED,
     IMU,
     PRESSURE,
+    RANGE,
     STATUS,
     USED,
     Method,
@@ -70,6 +68,16 @@ from companion.estimators.method import (
     reset,
     state_dtype,
     tally,
+)
+from companion.estimators.vertical_aids import (
+    QNH_PA_PER_M,
+    aids_fields,
+    aids_start,
+    note_place,
+    on_air,
+    on_range,
+    take_qnh,
+    take_temperature,
 )
 from companion.estimators.vertical_channel import (
     CLIMB,
@@ -127,6 +135,7 @@ from companion.estimators.vertical_mixture import (
     take_acceleration,
 )
 from companion.estimators.vertical_protection import protection_level_m, spread_m
+from companion.estimators.vertical_settings import VerticalBankSettings
 from companion.estimators.vertical_spares import (
     BARO,
     FAR_SIGMA,
@@ -154,14 +163,13 @@ LEAST_NOISE_M = 0.1
 FASTEST_CLIMB_MPS = 200.0
 VAGUE_TILT_RAD = 0.2
 """by which gravity alone shows 0.2 m/s2 too little: as much as the prior of the accelerometer's bias"""
-QNH_PA_PER_M = 12.0
-"""of sea-level air"""
 
 STATE = state_dtype(
     *attitude_fields(),
     *mixture_fields(),
     *integrity_fields(),
     *spare_fields(),
+    *aids_fields(),
     ("baro_seen", "i8"),
     ("baro_pa", "f8"),  # newest pressure, its height, and where it was
     ("baro_m", "f8"),
@@ -171,128 +179,6 @@ STATE = state_dtype(
     ("gnss_slow_m2", "f8"),
     ("innovation_m", "f8"),
 )
-
-PARAMS = np.dtype(
-    [
-        ("integrity", "i8"),
-        ("vehicle_attitude", "i8"),
-        ("accel_noise_mps2", "f8"),
-        ("blind_noise_mps2", "f8"),
-        ("tilt_ratio", "f8"),
-        ("accel_bias_sd_mps2", "f8"),
-        ("accel_bias_walk_mps2", "f8"),
-        ("offset_sd_m", "f8"),
-        ("offset_walk_m", "f8"),
-        ("rate_sd_mps", "f8", (BANK,)),
-        ("rate_time_s", "f8"),
-        ("weather_prior", "f8", (BANK,)),
-        ("switching_s", "f8"),
-        ("fast_sd_m", "f8"),
-        ("fast_time_s", "f8"),
-        ("scale_sd_ratio", "f8"),
-        ("scale_walk_ratio", "f8"),
-        ("baro_sd_m", "f8"),
-        ("gnss_time_s", "f8"),
-        ("gnss_slow_ratio", "f8"),
-        ("gnss_slow_floor_m", "f8"),
-        ("gnss_white_ratio", "f8"),
-        ("gnss_white_floor_m", "f8"),
-        ("gnss_sd_unknown_m", "f8"),
-        ("gnss_climb_sd_mps", "f8"),
-        ("protection_sigma", "f8"),
-        ("fault_sigma", "f8"),
-    ],
-    align=True,
-)
-
-
-class VerticalBankSettings(Settings):
-    """Section ``estimators.vertical-bank``. Each state can be switched off by a spread of 0, the bank by three equal
-    rates."""
-
-    integrity: bool = True
-    """name a sensor that is wrong, and leave it out; without this, whatever is plausible is taken"""
-    vehicle_attitude: bool = False
-    """prefer the autopilot's attitude while it agrees with our own; an EKF's is wild while it starts and when jammed"""
-    accel_noise_mps2: float = Field(0.05, gt=0, le=10)
-    """white noise of the upward acceleration in the mean of a second, vibration and attitude included"""
-    blind_noise_mps2: float = Field(1.5, gt=0, le=100)
-    """the same without IMU: manoeuvres"""
-    tilt_ratio: float = Field(1.0, ge=0, le=10)
-    """noise that a wrong attitude adds while the horizontal force changes, over what its spread says"""
-    accel_bias_sd_mps2: float = Field(0.2, ge=0, le=10)
-    """of a consumer accelerometer after warm-up, and a tilt of some degrees"""
-    accel_bias_walk_mps2: float = Field(2e-3, ge=0, le=1)
-    """its random walk in a second"""
-    offset_sd_m: float = Field(100.0, gt=0, le=10_000)
-    """barometer's slow error at sea level at the start: 12 hPa. A tighter prior that is wrong costs metres"""
-    offset_walk_m: float = Field(0.05, ge=0, le=10)
-    """its random walk in a second: 3 m in an hour, besides the drift rate"""
-    rate_sd_mps: tuple[
-        Annotated[float, Field(ge=0, le=10)], Annotated[float, Field(ge=0, le=10)], Annotated[float, Field(ge=0, le=10)]
-    ] = (0.01, 0.1, 0.4)
-    """drift rate of the barometer's error on a calm, a fair and a stormy day: 4, 40, 160 hPa an hour"""
-    rate_time_s: float = Field(600.0, gt=0, le=1e5)
-    """for how long a drift rate lasts"""
-    weather_prior: tuple[
-        Annotated[float, Field(gt=0, le=1)], Annotated[float, Field(gt=0, le=1)], Annotated[float, Field(gt=0, le=1)]
-    ] = (0.8, 0.15, 0.05)
-    """share of time with each"""
-    switching_s: float = Field(1200.0, gt=0, le=1e6)
-    """for how long the weather stays the same kind"""
-    fast_sd_m: float = Field(0.5, ge=0, le=100)
-    """barometer's fast error: gusts over the static port, sensor wander"""
-    fast_time_s: float = Field(60.0, gt=0, le=1e5)
-    """for how long that lasts"""
-    scale_sd_ratio: float = Field(0.05, ge=0, le=1)
-    """change of the barometer's error with height: 15 K"""
-    scale_walk_ratio: float = Field(5e-4, ge=0, le=1)
-    """its random walk in a second: .03 (9 K) in an hour"""
-    baro_sd_m: float = Field(0.4, gt=0, le=100)
-    """white noise of the barometer height; more when the stream shows more"""
-    gnss_time_s: float = Field(250.0, gt=0, le=1e5)
-    """for how long the slow part of the GNSS height error lasts"""
-    gnss_slow_ratio: float = Field(0.7, ge=0, le=1)
-    """slow part of the spread that the receiver claims"""
-    gnss_slow_floor_m: float = Field(2.5, ge=0, le=100)
-    """and no less than this"""
-    gnss_white_ratio: float = Field(0.7, ge=0, le=1)
-    """white part of the spread that the receiver claims"""
-    gnss_white_floor_m: float = Field(1.0, gt=0, le=100)
-    """and no less than this"""
-    gnss_sd_unknown_m: float = Field(10.0, gt=0, le=1000)
-    """spread of a receiver that claims nothing"""
-    gnss_climb_sd_mps: float = Field(0.6, gt=0, le=100)
-    """of a GNSS climb: more than its noise, as its errors last for seconds"""
-
-    integrity_risk_probability: float = Field(1e-3, gt=0, lt=1)
-    """chance that the error exceeds the protection level within an hour"""
-    fault_probability: float = Field(1e-3, gt=0, lt=1)
-    """how often a sensor goes wrong unseen"""
-
-    def params(self) -> Rows:
-        row = rows(PARAMS)
-        row["protection_sigma"] = crossing_sigma(self.integrity_risk_probability, self.gnss_time_s)
-        row["fault_sigma"] = crossing_sigma(self.integrity_risk_probability / self.fault_probability, self.gnss_time_s)
-        for name in PARAMS.names or ():
-            if hasattr(self, name):
-                row[name] = getattr(self, name)
-        return row
-
-
-def crossing_sigma(rate_per_h: float, time_s: float) -> float:
-    """The level k that an error with this correlation time exceeds so often, in sigma; NaN for a rate of 1 and more.
-
-    A Gauss-Markov process leaves +-k at the rate 2 k / (sqrt(2 pi) tau) exp(-k^2 / 2), for k well above 1.
-    """
-    if rate_per_h >= 1.0:
-        return math.nan
-    low, high = 1.0, 20.0
-    for _ in range(60):
-        k = 0.5 * (low + high)
-        rate = 3600.0 / time_s * 2.0 * k / math.sqrt(math.tau) * math.exp(-0.5 * k * k)
-        low, high = (k, high) if rate > rate_per_h else (low, k)
-    return high
 
 
 def init(params: Rows) -> Rows:
@@ -311,6 +197,7 @@ def start(state: Rows, params: Rows) -> None:
     mixture_start(state, params)
     integrity_start(state, params)
     spares_start(state)
+    aids_start(state)
     forget_readings(state)
     s.baro_pa = math.nan
     s.baro_median_m = params[0].baro_sd_m
@@ -411,11 +298,11 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     baro_m = baro_altitude_m(sample[0].pressure_pa)
     white_m = baro_white_m(state, params, baro_m)
     note_interval(state, time_us)
+    s.baro_m, s.baro_pa, s.baro_path_m = baro_m, sample[0].pressure_pa, s.path_m
     if s.baro_seen == 0:
         s.baro_seen = 1
         combine(state)
         expect_atmosphere(state, params, s.average[HEIGHT] if s.fix_seen == 1 else baro_m)
-    s.baro_m, s.baro_pa, s.baro_path_m = baro_m, sample[0].pressure_pa, s.path_m
     if returns and not is_blamed(state, BAROMETER):
         baro_after_silence(state, baro_m, white_m * white_m)
         sees_baro(state, (s.filter_us - time_us) * 1e-6)
@@ -439,6 +326,8 @@ def expect_atmosphere(state: Rows, params: Rows, height_m: float) -> None:
     for i in range(CHANNELS):
         if follows_baro(i):
             expect_baro(s.x[i], s.P[i], height_m, p.offset_sd_m * p.offset_sd_m, p.scale_sd_ratio * p.scale_sd_ratio)
+    take_qnh(state, params, height_m)
+    take_temperature(state, params)
 
 
 @step
@@ -528,6 +417,7 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         s.silence_s = (time_us - s.last_us[GNSS, 0]) * 1e-6
     place(state, GNSS, instance, time_us)
     silent = time_us - s.last_us[GNSS, 0] > SILENT_US
+    note_place(state, sample[0].latitude_deg, sample[0].longitude_deg)
     if instance == 0 or silent:
         attitude_gnss(state, sample)
     advance(state, params, max(time_us, s.filter_us))
@@ -547,13 +437,9 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     if is_blamed(state, GNSS_HEIGHT):
         if not gnss_comes_back(state, s.innovation_m, R):
             verdict = GATED
-    elif far and s.fix_seen == 0:
-        relearn_offset(state, s.innovation_m * s.innovation_m)  # the barometer's datum is further off than its prior
-    elif s.fix_seen == 0 and s.baro_seen == 1:
-        for i in range(CHANNELS):
-            if follows_baro(i):
-                forget_height(s.P[i])  # it rests on the prior of the offset, which would count twice
-        expect_atmosphere(state, params, fix_m)
+    elif s.fix_seen == 0:
+        if s.baro_seen == 1:
+            meet_gnss(state, params, fix_m, far)
     elif not watch_fix(state, far):
         verdict = GATED
     if verdict == USED:
@@ -571,6 +457,20 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     separate(state, params)
     write_estimate(state, params, estimate)
     return tally(state, GNSS, verdict)
+
+
+@step
+def meet_gnss(state: Rows, params: Rows, fix_m: float, far: bool) -> None:
+    """The first fix: until now the height rested on the prior of the offset, which would count twice."""
+    s = state[0]
+    for i in range(CHANNELS):
+        if follows_baro(i):
+            forget_height(s.P[i])
+    if far:
+        s.known_qnh_pa = math.nan  # of another place, or a slip of the pen
+    expect_atmosphere(state, params, fix_m)
+    if far:
+        relearn_offset(state, s.innovation_m * s.innovation_m)  # the barometer's datum is further off than its prior
 
 
 @step
@@ -686,6 +586,10 @@ def run(state: Rows, params: Rows, tables: Tables, estimates: Rows, verdicts: Ro
             verdicts[i] = on_gnss(state, params, tables.gnss[row : row + 1], estimate)
         elif kind == ATTITUDE:
             verdicts[i] = on_attitude(state, params, tables.attitude[row : row + 1], estimate)
+        elif kind == RANGE:
+            verdicts[i] = on_range(state, params, tables.range[row : row + 1], estimate)
+        elif kind == AIR:
+            verdicts[i] = on_air(state, params, tables.air[row : row + 1], estimate)
         elif kind == STATUS:
             verdicts[i] = on_status(state, params, tables.status[row : row + 1], estimate)
 
@@ -702,6 +606,8 @@ METHOD = Method(
         Kind.PRESSURE: on_pressure,
         Kind.GNSS: on_gnss,
         Kind.ATTITUDE: on_attitude,
+        Kind.RANGE: on_range,
+        Kind.AIR: on_air,
         Kind.STATUS: on_status,
     },
     run=run,

@@ -108,10 +108,16 @@ def propagate(
 
 
 @step
-def sees_height(H: Array, late_s: float) -> None:
-    """The row of the height `late_s` ago."""
+def sees_nothing(H: Array) -> None:
+    """A row of zeros."""
     for i in range(SIZE):
         H[i] = 0.0
+
+
+@step
+def sees_height(H: Array, late_s: float) -> None:
+    """The row of the height `late_s` ago."""
+    sees_nothing(H)
     H[HEIGHT] = 1.0
     H[CLIMB] = -late_s
     H[ACCEL] = -0.5 * late_s * late_s
@@ -120,8 +126,7 @@ def sees_height(H: Array, late_s: float) -> None:
 @step
 def sees_climb(H: Array, late_s: float) -> None:
     """The row of the climb `late_s` ago."""
-    for i in range(SIZE):
-        H[i] = 0.0
+    sees_nothing(H)
     H[CLIMB] = 1.0
     H[ACCEL] = late_s
 

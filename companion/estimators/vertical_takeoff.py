@@ -2,6 +2,7 @@
 
 import math
 
+from companion.estimators.vertical_aids import note_takeoff
 from companion.estimators.vertical_channel import CLIMB, FAST, HEIGHT, OFFSET
 from companion.estimators.vertical_integrity import BAROMETER, REST_MPS, is_blamed, seed_stiff
 from companion.estimators.vertical_mixture import TAKEOFF, combine
@@ -55,6 +56,7 @@ def start_takeoff(state: Rows) -> None:
     seed_stiff(state, TAKEOFF, 0.0, error_m)
     s.takeoff_reference_m, s.takeoff_var_m2 = s.average[HEIGHT], s.cov[HEIGHT, HEIGHT]
     s.takeoff_us, s.takeoff_handed_over = s.filter_us, 0
+    note_takeoff(state)
 
 
 @step

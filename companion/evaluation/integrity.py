@@ -2,7 +2,7 @@
 
 An exceedance is an episode, since errors that last are exceeded for a while or several times in a row: it begins where
 |error| > level, and two of them less than `EPISODE_S` apart are one. That is the correlation time of the slow GNSS
-error, over which the allocated rate (`companion.estimators.vertical_bank.crossing_sigma`) counts one crossing.
+error, over which the allocated rate (`companion.estimators.vertical_settings.crossing_sigma`) counts one crossing.
 
 The Stanford diagram (Tossaint et al., "The Stanford - ESA integrity diagram", 2007) sets |error| against level: above
 the diagonal all is well, below it the level misleads; beyond the alert limit a level makes the system unavailable, and

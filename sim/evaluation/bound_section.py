@@ -12,7 +12,7 @@ import numpy as np
 
 from companion.config import Settings
 from companion.estimators import ESTIMATORS
-from companion.estimators.vertical_bank import VerticalBankSettings
+from companion.estimators.vertical_settings import VerticalBankSettings
 from companion.samples import Fault, Kind
 from sim.campaign import executor_of
 from sim.evaluation import Context

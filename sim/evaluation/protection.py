@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from companion.estimators import ESTIMATORS, run_log
-from companion.estimators.vertical_bank import VerticalBankSettings, crossing_sigma
+from companion.estimators.vertical_settings import VerticalBankSettings, crossing_sigma
 from companion.evaluation.compare import SETTLE_S
 from companion.evaluation.detection import false_alarms
 from companion.evaluation.integrity import (

@@ -14,6 +14,7 @@ from companion.atmosphere import P0_PA, T0_K
 from companion.earth import gravity_mps2
 from companion.estimators import vertical_bank as vb
 from companion.estimators.method import Method
+from companion.estimators.vertical_settings import VerticalBankSettings
 from companion.samples import DTYPES, ESTIMATE, ORDER, Kind, Rows, Tables, readable, rows
 
 Array = NDArray[np.float64]
@@ -44,7 +45,7 @@ def gauss_markov(sd: Any, time_s: float, dt_s: float, rng: np.random.Generator, 
     return values
 
 
-def weather_rate(settings: vb.VerticalBankSettings, rng: np.random.Generator, seconds: int) -> Array:
+def weather_rate(settings: VerticalBankSettings, rng: np.random.Generator, seconds: int) -> Array:
     """Drift rate of the barometer's error, one a second."""
     prior = np.array(settings.weather_prior) / np.sum(settings.weather_prior)
     kind, kinds = rng.choice(3, p=prior), np.empty(seconds, np.int64)
@@ -57,7 +58,7 @@ def weather_rate(settings: vb.VerticalBankSettings, rng: np.random.Generator, se
 
 def hour(seed: int, seconds: int = 3600, gnss_sd_m: float = 4.24, baro_hz: int = 5) -> Hour:
     """A healthy flight."""
-    settings, rng = vb.VerticalBankSettings(), np.random.default_rng(seed)
+    settings, rng = VerticalBankSettings(), np.random.default_rng(seed)
     elapsed_s: Array = np.arange(round(seconds / STEP_S), dtype=np.float64) * STEP_S
     height = smooth(profile(rng, elapsed_s), 5.0)
     climb = np.gradient(height, STEP_S)
@@ -138,10 +139,10 @@ def estimates_of(method: Method, settings: Any, tables: Tables) -> Rows:
     return np.asarray(estimates)
 
 
-def fly(made: Hour, settings: vb.VerticalBankSettings | None = None) -> tuple[Rows, Array, Array]:
+def fly(made: Hour, settings: VerticalBankSettings | None = None) -> tuple[Rows, Array, Array]:
     """The vertical bank's estimates after each barometer row, their errors, and the seconds of each."""
     tables = arrange(made.tables)
-    estimates = estimates_of(vb.METHOD, settings or vb.VerticalBankSettings(), tables)
+    estimates = estimates_of(vb.METHOD, settings or VerticalBankSettings(), tables)
     found = estimates[np.asarray(tables.order["kind"]) == Kind.PRESSURE]
     elapsed_s = found["time_us"] * 1e-6 - START_S
     error = found["altitude_amsl_m"] - np.interp(elapsed_s, made.elapsed_s, made.height_m)

@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 
 from companion.estimators import vertical_bank as vb
 from companion.estimators.method import Filter, run_log
+from companion.estimators.vertical_settings import VerticalBankSettings, crossing_sigma
 from companion.samples import Fault, Kind, Rows, Verdict, sample
 from tests.flights import Flight, Plan, flight
 
 Array = NDArray[np.float64]
 
 
-def fly(made: Flight, settings: vb.VerticalBankSettings | None = None) -> tuple[Rows, Array, Array]:
+def fly(made: Flight, settings: VerticalBankSettings | None = None) -> tuple[Rows, Array, Array]:
     """Estimates after every sample, their errors, and the seconds of each."""
     estimates, _, _ = run_log(vb.METHOD, made.log(), settings)
     known = np.isfinite(estimates["altitude_amsl_m"])
@@ -195,7 +196,7 @@ def test_an_imu_that_shakes_between_its_samples_is_trusted_less() -> None:
 
 def test_without_integrity_nobody_is_blamed() -> None:
     made = flight().change(Kind.GNSS, "altitude_amsl_m", lambda h: h + 30.0, 100.0)
-    estimates, error, elapsed_s = fly(made, vb.VerticalBankSettings(integrity=False))
+    estimates, error, elapsed_s = fly(made, VerticalBankSettings(integrity=False))
     assert set(estimates["faulty"]) == {0}
     assert np.abs(error[elapsed_s > 140.0] - 30.0).max() < 10.0, "the receiver is followed"
 
@@ -417,13 +418,13 @@ def test_protection_level_covers_and_grows_with_a_smaller_risk() -> None:
     late = elapsed_s > 30.0
     assert (np.abs(error) < estimates["protection_level_m"])[late].all()
     assert np.median(estimates["protection_level_m"][late]) < 25.0
-    safer, _, _ = fly(made, vb.VerticalBankSettings(integrity_risk_probability=1e-5))
+    safer, _, _ = fly(made, VerticalBankSettings(integrity_risk_probability=1e-5))
     assert (safer["protection_level_m"] > estimates["protection_level_m"])[late].all()
 
 
 @pytest.mark.parametrize("rate_per_h", [1e-1, 1e-3, 1e-5])
 def test_crossing_sigma_inverts_the_rate(rate_per_h: float) -> None:
-    k, time_s = vb.crossing_sigma(rate_per_h, 250.0), 250.0
+    k, time_s = crossing_sigma(rate_per_h, 250.0), 250.0
     rate = 3600.0 / time_s * 2.0 * k / np.sqrt(2.0 * np.pi) * np.exp(-0.5 * k * k)
     assert rate == pytest.approx(rate_per_h, rel=1e-6)
 

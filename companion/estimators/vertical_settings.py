@@ -58,8 +58,8 @@ class VerticalBankSettings(Settings):
     """white noise of the upward acceleration in the mean of a second, vibration and attitude included"""
     blind_noise_mps2: float = Field(1.5, gt=0, le=100)
     """the same without IMU: manoeuvres"""
-    tilt_ratio: float = Field(1.0, ge=0, le=10)
-    """noise that a wrong attitude adds while the horizontal force changes, over what its spread says"""
+    tilt_ratio: float = Field(0.3, ge=0, le=10)
+    """noise that a wrong attitude adds while the horizontal force changes, over what its spread says, which is wide"""
     accel_bias_sd_mps2: float = Field(0.2, ge=0, le=10)
     """of a consumer accelerometer after warm-up, and a tilt of some degrees"""
     accel_bias_walk_mps2: float = Field(2e-3, ge=0, le=1)

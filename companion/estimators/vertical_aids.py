@@ -21,11 +21,20 @@ from companion.estimators.method import (
     place,
     tally,
 )
-from companion.estimators.vertical_channel import HEIGHT, OFFSET, SCALE, absorb, dot, gather, sees_height, sees_nothing
+from companion.estimators.vertical_channel import (
+    HEIGHT,
+    OFFSET,
+    SCALE,
+    SIZE,
+    absorb,
+    dot,
+    gather,
+    sees_height,
+    sees_nothing,
+)
 from companion.estimators.vertical_integrity import FIX_SIGMA, follows_baro, reopen_channel
 from companion.estimators.vertical_mixture import CHANNELS, TAKEOFF, advance, combine
 from companion.jit import step
-from companion.kalman import Array
 from companion.samples import Rows
 
 LOWEST_QNH_PA, HIGHEST_QNH_PA = 85_000.0, 110_000.0
@@ -58,8 +67,10 @@ def aids_fields() -> tuple[tuple[Any, ...], ...]:
         ("known_qnh_pa", "f8"),  # NaN unknown
         ("known_qnh_us", "i8"),
         ("air_k", "f8"),
+        ("air_H", "f8", (SIZE,)),  # its row: `H` may hold that of the measurement that it comes with
         ("range_m", "f8"),  # newest, along the vertical
         ("range_us", "i8"),
+        ("range_instance", "i8"),
         ("range_above_m", "f8"),  # what it told above the height above take-off
         ("ground_m", "f8"),  # how much higher the ground is than at take-off, by the steps seen
         ("takeoff_range_m", "f8"),  # what it was on the ground
@@ -74,7 +85,7 @@ def aids_start(state: Rows) -> None:
     s = state[0]
     s.known_qnh_pa, s.known_qnh_us, s.air_k = math.nan, -1, math.nan
     s.range_m, s.range_us, s.takeoff_range_m = math.nan, -FRESH_US, REST_RANGE_M
-    s.range_above_m, s.ground_m = math.nan, 0.0
+    s.range_instance, s.range_above_m, s.ground_m = 0, math.nan, 0.0
     for i in range(2):
         s.here_deg[i], s.takeoff_deg[i] = math.nan, math.nan
 
@@ -112,11 +123,11 @@ def take_qnh(state: Rows, params: Rows, height_m: float) -> int:
         return IGNORED
     aged_m = QNH_DRIFT_MPS * max(0.0, (s.filter_us - s.known_qnh_us) * 1e-6)
     sd_m = params[0].known_qnh_sd_pa / QNH_PA_PER_M
-    sees_nothing(s.H)
-    s.H[OFFSET] = 1.0
+    sees_nothing(s.air_H)
+    s.air_H[OFFSET] = 1.0
     if not math.isnan(s.takeoff_reference_m):
-        s.H[SCALE] = s.takeoff_reference_m - height_m
-    return correct_baro(state, s.H, baro_altitude_m(s.known_qnh_pa), sd_m * sd_m + aged_m * aged_m)
+        s.air_H[SCALE] = s.takeoff_reference_m - height_m
+    return correct_baro(state, baro_altitude_m(s.known_qnh_pa), sd_m * sd_m + aged_m * aged_m)
 
 
 @step
@@ -130,15 +141,15 @@ def take_temperature(state: Rows, params: Rows) -> int:
     combine(state)
     if s.cov[SCALE, SCALE] < sd * sd:
         return IGNORED
-    sees_nothing(s.H)
-    s.H[SCALE] = 1.0
-    return correct_baro(state, s.H, standard_temperature_k(pressure_altitude_m(s.baro_pa)) / s.air_k - 1.0, sd * sd)
+    sees_nothing(s.air_H)
+    s.air_H[SCALE] = 1.0
+    return correct_baro(state, standard_temperature_k(pressure_altitude_m(s.baro_pa)) / s.air_k - 1.0, sd * sd)
 
 
 @step
-def correct_baro(state: Rows, H: Array, value: float, R: float) -> int:
+def correct_baro(state: Rows, value: float, R: float) -> int:
     """Correct what every channel that follows the barometer thinks of it, unless the bank contradicts."""
-    s = state[0]
+    s, H = state[0], state[0].air_H
     combine(state)
     innovation = value - dot(H, s.average)
     if innovation * innovation > FIX_SIGMA * FIX_SIGMA * (R + gather(s.cov, H, s.K)):
@@ -186,11 +197,13 @@ def on_range(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     if is_stale(state, RANGE, sample[0].instance, time_us):
         return tally(state, RANGE, STALE)
     place(state, RANGE, sample[0].instance, time_us)
+    if sample[0].instance != s.range_instance and time_us - s.range_us <= FRESH_US:
+        return tally(state, RANGE, IGNORED)  # one at a time: they hang at different heights
     upright = -s.attitude_up_b[2]
     if not upright > STEEPEST_COS:
         return tally(state, RANGE, IGNORED)
     between_s = (time_us - s.range_us) * 1e-6
-    s.range_m, s.range_us = distance_m * upright, time_us
+    s.range_m, s.range_us, s.range_instance = distance_m * upright, time_us, sample[0].instance
     if s.takeoff_us < 0 or s.takeoff_handed_over == 1:
         return tally(state, RANGE, IGNORED)
     advance(state, params, max(time_us, s.filter_us))

@@ -59,6 +59,14 @@ def test_qnh_stands_in_for_a_gnss_that_is_not_there(at_s: float) -> None:
     assert 5.0 < estimates["altitude_sd_m"][late].mean() < 15.0 < without["altitude_sd_m"].min()
 
 
+def test_qnh_and_gnss_agree() -> None:
+    made = flight()
+    (without, elapsed_s), (estimates, _) = fly(made.copy()), fly(with_air(made, qnh_pa=100_725.0, air_k=285.0))
+    late = elapsed_s > 5.0
+    apart_m = np.interp(elapsed_s, made.elapsed_s(estimates["time_us"]), error_m(made, estimates))
+    assert np.abs(apart_m - error_m(made, without))[late].max() < 1.5
+
+
 def test_wrong_qnh_does_no_harm_where_there_is_gnss() -> None:
     """A slip of the pen by 30 hPa, 250 m."""
     made = with_air(flight(), qnh_pa=103_725.0)
@@ -133,6 +141,15 @@ def test_range_finder_takes_the_drift_out_of_the_height_above_takeoff() -> None:
 
 def test_roof_below_is_not_the_ground() -> None:
     assert late_takeoff_error_m(hovering(0.01, ranges=True, roof=True)) < 0.5
+
+
+def test_second_range_finder_that_hangs_higher_is_no_step_of_the_ground() -> None:
+    made = hovering(0.01, ranges=True)
+    first = made.tables[Kind.RANGE]
+    second = first.copy()
+    second["instance"], second["distance_m"] = 1, first["distance_m"] + 0.8
+    made.tables[Kind.RANGE] = np.sort(np.concatenate([first, second]), order=["time_us", "instance"])
+    assert late_takeoff_error_m(made) < 0.3
 
 
 def test_ground_elsewhere_tells_nothing() -> None:

@@ -156,7 +156,7 @@ LOWEST_PA, HIGHEST_PA = 1_000.0, 120_000.0
 OUTPUT_US = 100_000
 """an estimate is no older than this while there is an IMU"""
 SOFT_SIGMA = 3.0
-NOISE_STEP = 0.1
+NOISE_STEP, MEAN_WEIGHT = 0.1, 0.01
 MEDIAN_TO_SD = 1.4826
 LEAST_NOISE_M = 0.1
 """1.2 Pa, as good barometers have"""
@@ -175,6 +175,7 @@ STATE = state_dtype(
     ("baro_m", "f8"),
     ("baro_path_m", "f8"),
     ("baro_median_m", "f8"),  # of the differences between consecutive heights beyond the motion
+    ("baro_median_mean_m", "f8"),  # its mean over a hundred heights
     ("fix_seen", "i8"),
     ("gnss_slow_m2", "f8"),
     ("innovation_m", "f8"),
@@ -200,7 +201,7 @@ def start(state: Rows, params: Rows) -> None:
     aids_start(state)
     forget_readings(state)
     s.baro_pa = math.nan
-    s.baro_median_m = params[0].baro_sd_m
+    s.baro_median_m = s.baro_median_mean_m = params[0].baro_sd_m
 
 
 @step
@@ -368,19 +369,24 @@ def baro_white_m(state: Rows, params: Rows, baro_m: float) -> float:
         change_m = baro_m - s.baro_m - (s.path_m - s.baro_path_m)
         s.baro_change_m = change_m
         s.baro_median_m *= 1.0 + NOISE_STEP if abs(change_m) > s.baro_median_m else 1.0 / (1.0 + NOISE_STEP)
+        s.baro_median_mean_m += MEAN_WEIGHT * (s.baro_median_m - s.baro_median_mean_m)
     return baro_noise_m(state, params)
 
 
 @step
 def baro_noise_m(state: Rows, params: Rows) -> float:
     """The same, as it is known so far."""
-    return max(params[0].baro_sd_m, shown_noise_m(state))
+    return max(params[0].baro_sd_m, MEDIAN_TO_SD / math.sqrt(2.0) * state[0].baro_median_m)
 
 
 @step
 def shown_noise_m(state: Rows) -> float:
-    """What the stream shows, without wander that a look at consecutive heights misses: for faults of seconds."""
-    return max(LEAST_NOISE_M, MEDIAN_TO_SD / math.sqrt(2.0) * state[0].baro_median_m)
+    """What the stream shows, without wander that a look at consecutive heights misses: for faults of seconds.
+
+    A median that is followed in steps is often too small; its mean is not.
+    """
+    s = state[0]
+    return max(LEAST_NOISE_M, MEDIAN_TO_SD / math.sqrt(2.0) * max(s.baro_median_m, s.baro_median_mean_m))
 
 
 @step

@@ -7,7 +7,7 @@ what is seen                                                    what is conclude
 ==============================================================  ================================================
 barometer: `ONSET_FAILS` of ten innovations beyond four sigma   the barometer is wrong
 on one side in the stiff copy, or their mean over two seconds
-beyond six of its own sigma, or the same value for ten of its
+beyond seven of its own sigma, or the same value for ten of its
 own intervals while the vehicle moves
 four of five fixes beyond five sigma                            GNSS is wrong; but while the barometer is blamed, and
                                                                 agrees or GNSS did not jump: the IMU is
@@ -74,10 +74,10 @@ from companion.samples import Fault, Rows
 NOBODY, BAROMETER, GNSS_HEIGHT, INERTIAL = (int(fault) for fault in Fault)
 
 ONSET_SIGMA, ONSET_OF, ONSET_FAILS = 4.0, 10, 8
-ONSET_TIME_S, ONSET_MEAN_SIGMA = 2.0, 6.0
+ONSET_TIME_S, ONSET_MEAN_SIGMA = 2.0, 7.0
 SCALE_TIME_S = 1.0
 """for so long does a climb that the air's scale feigns go unabsorbed in the stiff copy"""
-TILT_SIGMA = 4.0
+TILT_SIGMA = 3.0
 """of a wrong attitude count as one in the stiff copy, whose mean over time does nothing against what stays"""
 ALONE_US = 3_000_000
 CLIPPED_TO_RELEARN = 15

@@ -63,11 +63,17 @@ def pressure_altitude_m(pressure_pa: float) -> float:
 
 
 @step
-def standard_pressure_pa(pressure_altitude: float) -> float:
-    """Pressure of the standard atmosphere at a geopotential height in metres: the inverse of `pressure_altitude_m`."""
+def _layer_at(pressure_altitude: float) -> int:
     layer = 0
     while layer < 3 and pressure_altitude >= LAYER_H_M[layer + 1]:
         layer += 1
+    return layer
+
+
+@step
+def standard_pressure_pa(pressure_altitude: float) -> float:
+    """Pressure of the standard atmosphere at a geopotential height in metres: the inverse of `pressure_altitude_m`."""
+    layer = _layer_at(pressure_altitude)
     t, lapse = LAYER_T_K[layer], LAYER_L_KPM[layer]
     above = pressure_altitude - LAYER_H_M[layer]
     if lapse == 0.0:
@@ -78,9 +84,7 @@ def standard_pressure_pa(pressure_altitude: float) -> float:
 @step
 def standard_temperature_k(pressure_altitude: float) -> float:
     """Temperature of the standard atmosphere at a geopotential height in metres."""
-    layer = 0
-    while layer < 3 and pressure_altitude >= LAYER_H_M[layer + 1]:
-        layer += 1
+    layer = _layer_at(pressure_altitude)
     return LAYER_T_K[layer] + LAYER_L_KPM[layer] * (pressure_altitude - LAYER_H_M[layer])
 
 

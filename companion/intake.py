@@ -12,13 +12,12 @@ from enum import StrEnum
 from pydantic import Field
 
 from companion.config import Settings
-from companion.mavlink.convert import Reading, TimeBase
+from companion.mavlink.convert import ZERO_CELSIUS_K, Reading, TimeBase
 from companion.samples import DTYPES, MAX_INSTANCES, Kind, Rows, rows
 from companion.screening import DatumScreen
 
 logger = logging.getLogger("kollsman.intake")
 
-ZERO_CELSIUS_K = 273.15
 WRAP_MS = 1 << 32
 WRAP_MARGIN_MS = 600_000
 UNIX_STAMP_US = 1_000_000_000_000_000

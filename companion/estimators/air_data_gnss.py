@@ -65,8 +65,10 @@ from companion.estimators.method import (
     AIR,
     GATED,
     GNSS,
+    HIGHEST_AIR_K,
     IGNORED,
     INVALID,
+    LOWEST_AIR_K,
     PRESSURE,
     STALE,
     STATUS,
@@ -88,8 +90,6 @@ from companion.ring import at, clear, push, ring_fields
 from companion.samples import Kind, Rows, Tables, readable, rows
 
 LOWEST_PA, HIGHEST_PA = 1_000.0, 120_000.0
-LOWEST_AIR_K, HIGHEST_AIR_K = 180.0, 335.0
-"""Beyond what air has ever been below 50 km."""
 TROPOPAUSE_M = 11_000.0
 SILENCE_US = 3_000_000
 AIR_REACH_US = 10_000_000

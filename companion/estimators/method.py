@@ -30,6 +30,8 @@ HIGHEST_GNSS_SD_M = 50.0
 """A fix that is worse than this says nothing about height."""
 LOWEST_DIE_K, HIGHEST_DIE_K = 200.0, 380.0
 """What a pressure sensor's own thermometer can read: no part is rated beyond -40..+85 degC."""
+LOWEST_AIR_K, HIGHEST_AIR_K = 180.0, 335.0
+"""Beyond what air has ever been below 50 km."""
 HIGHEST_FORCE_MPS2, HIGHEST_RATE_RADPS = 200.0, 40.0
 """What an inertial sensor can read: 16 g parts clip at 157 m/s2, 2000 deg/s parts at 35 rad/s."""
 

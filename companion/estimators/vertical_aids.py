@@ -9,11 +9,14 @@ import math
 from typing import Any
 
 from companion.atmosphere import baro_altitude_m, pressure_altitude_m, standard_temperature_k
+from companion.earth import meridian_radius_m, normal_radius_m
 from companion.estimators.method import (
     AIR,
     GATED,
+    HIGHEST_AIR_K,
     IGNORED,
     INVALID,
+    LOWEST_AIR_K,
     RANGE,
     STALE,
     USED,
@@ -38,7 +41,6 @@ from companion.jit import step
 from companion.samples import Rows
 
 LOWEST_QNH_PA, HIGHEST_QNH_PA = 85_000.0, 110_000.0
-LOWEST_AIR_K, HIGHEST_AIR_K = 180.0, 335.0
 QNH_PA_PER_M = 12.0
 """of sea-level air"""
 QNH_DRIFT_MPS = 0.005
@@ -58,7 +60,6 @@ GROUND_SIGMA, DRIFT_MPS = 3.0, 0.01
 FRESH_US = 1_000_000
 REST_RANGE_M = 0.1
 """of a range finder that tells nothing on the ground: it hangs lower than it can see"""
-METRES_PER_DEGREE = 111_200.0
 
 
 def aids_fields() -> tuple[tuple[Any, ...], ...]:
@@ -181,8 +182,9 @@ def note_takeoff(state: Rows) -> None:
 def from_takeoff_m(state: Rows) -> float:
     """Horizontal distance of the newest fix from the place of the take-off, NaN unknown."""
     s = state[0]
-    north_m = (s.here_deg[0] - s.takeoff_deg[0]) * METRES_PER_DEGREE
-    east_m = (s.here_deg[1] - s.takeoff_deg[1]) * METRES_PER_DEGREE * math.cos(math.radians(s.takeoff_deg[0]))
+    latitude = math.radians(s.takeoff_deg[0])
+    north_m = math.radians(s.here_deg[0] - s.takeoff_deg[0]) * meridian_radius_m(latitude)
+    east_m = math.radians(s.here_deg[1] - s.takeoff_deg[1]) * normal_radius_m(latitude) * math.cos(latitude)
     return math.hypot(north_m, east_m)
 
 

@@ -14,6 +14,7 @@ from companion.mavlink.codec import Message, mavlink
 from companion.samples import Kind
 
 G0_MPS2 = 9.80665
+ZERO_CELSIUS_K = 273.15
 UNKNOWN_U16 = 65535
 UNKNOWN_U8 = 255
 NAN3 = (math.nan, math.nan, math.nan)
@@ -43,7 +44,7 @@ Readings = tuple[Reading, ...]
 
 def scaled_pressure(message: Message, instance: int) -> Readings:
     """SCALED_PRESSURE/2/3: hPa; the temperature is the sensor die's, in centidegrees."""
-    values = (_finite(message.press_abs * 100.0), message.temperature * 0.01 + 273.15, 0)
+    values = (_finite(message.press_abs * 100.0), message.temperature * 0.01 + ZERO_CELSIUS_K, 0)
     return (Reading(Kind.PRESSURE, TimeBase.BOOT, message.time_boot_ms * 1000, instance, values),)
 
 
@@ -148,7 +149,7 @@ def highres_imu(message: Message) -> Readings:
         readings.append(Reading(Kind.IMU, TimeBase.EITHER, message.time_usec, message.id % 4, (force, rate)))
     if updated & 0x200 and message.abs_pressure > 0:
         pressure_pa = message.abs_pressure * (100.0 if message.abs_pressure < 2000.0 else 1.0)
-        die_k = _finite(message.temperature + 273.15) if updated & 0x1000 else math.nan
+        die_k = _finite(message.temperature + ZERO_CELSIUS_K) if updated & 0x1000 else math.nan
         values = (_finite(pressure_pa), die_k, 0)
         readings.append(Reading(Kind.PRESSURE, TimeBase.EITHER, message.time_usec, message.id % 4, values))
     return tuple(readings)

@@ -61,17 +61,23 @@ Examples:
   kollsman tune damping-loop flight.tlog --out gains.yaml && kollsman replay flight.tlog --config gains.yaml
 """
 
-EstimatorOption = Annotated[str | None, typer.Option(help="In place of the configuration's.", metavar="NAME")]
-ConfigOption = Annotated[Path | None, typer.Option(help="A companion.yaml; every key is optional.", metavar="FILE")]
+EstimatorOption = Annotated[
+    str | None, typer.Option(help="In place of the configuration's.", metavar="NAME")
+]
+ConfigOption = Annotated[
+    Path | None, typer.Option(help="A companion.yaml; every key is optional.", metavar="FILE")
+]
 SetOption = Annotated[
     list[str] | None,
-    typer.Option("--set", help="Another value, for this run; repeatable.", metavar="SECTION.KEY=VALUE"),
+    typer.Option(
+        "--set", help="Another value, for this run; repeatable.", metavar="SECTION.KEY=VALUE"
+    ),
 ]
 
 
 def _version(wanted: bool) -> None:
     if wanted:
-        from companion import __version__  # noqa: PLC0415
+        from companion import __version__
 
         print(f"kollsman {__version__}")
         raise typer.Exit
@@ -86,34 +92,47 @@ def _options(
     ] = False,
 ) -> None:
     level = logging.DEBUG if verbose else logging.INFO
-    logging.basicConfig(level=level, format="%(asctime)s %(name)s: %(message)s", datefmt="%H:%M:%S", stream=sys.stderr)
+    logging.basicConfig(
+        level=level,
+        format="%(asctime)s %(name)s: %(message)s",
+        datefmt="%H:%M:%S",
+        stream=sys.stderr,
+    )
     if not verbose:
         logging.getLogger("numba").setLevel(logging.WARNING)
 
 
 @app.command(epilog=RUN_EXAMPLES)
 def run(
-    link: Annotated[str, typer.Argument(help="Where the autopilot is; `kollsman links` lists the forms.")],
+    link: Annotated[
+        str, typer.Argument(help="Where the autopilot is; `kollsman links` lists the forms.")
+    ],
     *,
     estimator: EstimatorOption = None,
     config: ConfigOption = None,
-    record: Annotated[Path | None, typer.Option(help="Write every frame heard and sent.", metavar="OUT.tlog")] = None,
-    system_id: Annotated[int | None, typer.Option(min=1, max=255, help="Ours; otherwise the vehicle's.")] = None,
-    component_id: Annotated[int | None, typer.Option(min=1, max=255, help="Ours; 191 otherwise.")] = None,
+    record: Annotated[
+        Path | None, typer.Option(help="Write every frame heard and sent.", metavar="OUT.tlog")
+    ] = None,
+    system_id: Annotated[
+        int | None, typer.Option(min=1, max=255, help="Ours; otherwise the vehicle's.")
+    ] = None,
+    component_id: Annotated[
+        int | None, typer.Option(min=1, max=255, help="Ours; 191 otherwise.")
+    ] = None,
 ) -> None:
     """Serve a vehicle: read its sensors, send back ALTITUDE and the DEBUG family, until Ctrl-C."""
-    _say_if_compiling()
     started_s = time.perf_counter()
     settings = _settings(config, estimator)
+    _say_if_compiling(settings.estimator)
     ids = {"system_id": system_id, "component_id": component_id}
     given = {key: value for key, value in ids.items() if value is not None}
     settings = settings.with_changes(identity=settings.identity.model_dump() | given)
 
-    from companion.clock import SystemClock  # noqa: PLC0415
-    from companion.links import open_link  # noqa: PLC0415
-    from companion.logs.tlog import TlogWriter  # noqa: PLC0415
-    from companion.service import Service  # noqa: PLC0415
-    from companion.warmup import warm_up  # noqa: PLC0415
+    from companion.clock import SystemClock
+    from companion.links import open_link
+    from companion.logs.tlog import TlogWriter
+    from companion.service import Service
+    from companion.warmup import warm_up
 
     clock = SystemClock()
     with ExitStack() as stack, _stop_signals() as stopped:
@@ -123,7 +142,10 @@ def run(
         recorder = stack.enter_context(TlogWriter(record)) if record else None
         service = Service(opened, settings, clock, recorder=recorder)
         ready_s = time.perf_counter() - started_s
-        print(f"ready in {ready_s:.1f} s: {settings.estimator} on {opened.url}; Ctrl-C stops", flush=True)
+        print(
+            f"ready in {ready_s:.1f} s: {settings.estimator} on {opened.url}; Ctrl-C stops",
+            flush=True,
+        )
         service.run(lambda: bool(stopped), StatusLine(service).show)
         print(f"\nstopped: {service.summary()}")
     if record:
@@ -137,21 +159,27 @@ def replay(
     estimator: EstimatorOption = None,
     config: ConfigOption = None,
     changes: SetOption = None,
-    csv: Annotated[Path | None, typer.Option(help="One line an estimate.", metavar="OUT.csv")] = None,
-    out: Annotated[Path | None, typer.Option(help="The log with our ALTITUDE in it.", metavar="OUT.tlog")] = None,
+    csv: Annotated[
+        Path | None, typer.Option(help="One line an estimate.", metavar="OUT.csv")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="The log with our ALTITUDE in it.", metavar="OUT.tlog")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="The report as JSON.")] = False,
-    settle: Annotated[float, typer.Option(min=0, help="Seconds left out of the errors.", metavar="S")] = 60.0,
+    settle: Annotated[
+        float, typer.Option(min=0, help="Seconds left out of the errors.", metavar="S")
+    ] = 60.0,
 ) -> None:
     """Run a log through the same code as live, and report."""
     _refuse_same(log, out, csv)
-    _say_if_compiling()
     settings = _settings(config, estimator, changes)
+    _say_if_compiling(settings.estimator)
 
-    from companion.evaluation.report import Collector, build  # noqa: PLC0415
-    from companion.logs import open_log  # noqa: PLC0415
-    from companion.logs.tlog import TlogWriter  # noqa: PLC0415
-    from companion.pipeline import Pipeline  # noqa: PLC0415
-    from companion.sinks import CsvSink, Observers  # noqa: PLC0415
+    from companion.evaluation.report import Collector, build
+    from companion.logs import open_log
+    from companion.logs.tlog import TlogWriter
+    from companion.pipeline import Pipeline
+    from companion.sinks import CsvSink, Observers
 
     reader = open_log(log)
     collector = Collector()
@@ -171,7 +199,10 @@ def replay(
                     writer.write(packet.time_us, frame)
         elapsed_s = time.perf_counter() - started_s
     report = build(
-        pipeline, collector, {str(cause): count for cause, count in reader.counters.items() if count}, settle
+        pipeline,
+        collector,
+        {str(cause): count for cause, count in reader.counters.items() if count},
+        settle,
     )
     report["log"], report["elapsed_s"] = str(log), round(elapsed_s, 3)
     if as_json:
@@ -190,21 +221,28 @@ def compare(
     config: ConfigOption = None,
     changes: SetOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="The table as JSON.")] = False,
-    plot: Annotated[Path | None, typer.Option(help="Errors over time (extra `sim`).", metavar="OUT.png")] = None,
-    stanford: Annotated[
-        Path | None, typer.Option(help="Error against protection level (extra `sim`).", metavar="OUT.png")
+    plot: Annotated[
+        Path | None, typer.Option(help="Errors over time (extra `sim`).", metavar="OUT.png")
     ] = None,
-    alert_limit: Annotated[float, typer.Option(min=1, help="Of the Stanford diagram, in metres.", metavar="M")] = 50.0,
-    settle: Annotated[float, typer.Option(min=0, help="Seconds left out of the errors.", metavar="S")] = 60.0,
+    stanford: Annotated[
+        Path | None,
+        typer.Option(help="Error against protection level (extra `sim`).", metavar="OUT.png"),
+    ] = None,
+    alert_limit: Annotated[
+        float, typer.Option(min=1, help="Of the Stanford diagram, in metres.", metavar="M")
+    ] = 50.0,
+    settle: Annotated[
+        float, typer.Option(min=0, help="Seconds left out of the errors.", metavar="S")
+    ] = 60.0,
 ) -> None:
     """Every estimator on one log, beside raw barometer, raw GNSS and the autopilot's own."""
     _refuse_same(log, plot)
     _refuse_same(log, stanford)
-    _say_if_compiling()
     settings = _settings(config, None, changes)
+    _say_if_compiling()
 
-    from companion.evaluation import compare as comparing  # noqa: PLC0415
-    from companion.evaluation import table as comparing_table  # noqa: PLC0415
+    from companion.evaluation import compare as comparing
+    from companion.evaluation import table as comparing_table
 
     with _bar(log.name, 1.0) as advance:
         found = comparing.compare(log, settings, settle, advance)
@@ -220,30 +258,45 @@ def compare(
         print(f"wrote {path}")
 
 
+def _tunable(estimator: str) -> "Callable[..., Any]":
+    """The gain search of an estimator that has one."""
+    from companion.estimators import ESTIMATORS
+
+    method = ESTIMATORS.get(estimator)
+    if method is None or method.tune is None:
+        known = ", ".join(name for name, each in ESTIMATORS.items() if each.tune)
+        raise ConfigError(f"{estimator!r} cannot be tuned; only {known} can")
+    return method.tune
+
+
 @app.command(epilog=TUNE_EXAMPLES)
 def tune(
-    estimator: Annotated[str, typer.Argument(help="damping-loop is the one that has gains to find.")],
-    log: Annotated[Path, typer.Argument(help="A recorded log (.tlog) with an IMU of 10 Hz or more.")],
+    estimator: Annotated[
+        str, typer.Argument(help="damping-loop is the one that has gains to find.")
+    ],
+    log: Annotated[
+        Path, typer.Argument(help="A recorded log (.tlog) with an IMU of 10 Hz or more.")
+    ],
     *,
     config: ConfigOption = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the random search.")] = 0,
     generations: Annotated[int, typer.Option(min=1, max=10_000, help="How long it searches.")] = 60,
-    out: Annotated[Path | None, typer.Option(help="Write the configuration there.", metavar="GAINS.yaml")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Write the configuration there.", metavar="GAINS.yaml")
+    ] = None,
 ) -> None:
     """Find an estimator's gains from a flight, by the genetic algorithm of its paper."""
-    if estimator != "damping-loop":
-        raise ConfigError(f"{estimator!r} has no gains to find; damping-loop has")
+    tune_method = _tunable(estimator)
     _refuse_same(log, out)
-    _say_if_compiling()
     settings = _settings(config, estimator)
+    _say_if_compiling(estimator)
 
-    from companion import tuning  # noqa: PLC0415
-    from companion.evaluation.samples import samples_of  # noqa: PLC0415
+    from companion.evaluation.samples import samples_of
 
     with _bar(log.name, 2.0) as advance:
         samples = samples_of(log, settings, advance)
         section = settings.section(estimator)
-        found = tuning.tune(samples, section, seed, generations, lambda share: advance(1.0 + share))
+        found = tune_method(samples, section, seed, generations, lambda share: advance(1.0 + share))
     print(found.table())
     print(f"\n{found.snippet()}", end="")
     if out:
@@ -256,22 +309,26 @@ def tune(
 
 @app.command()
 def check(
-    config: Annotated[Path | None, typer.Argument(help="A companion.yaml; without one, the defaults.")] = None,
+    config: Annotated[
+        Path | None, typer.Argument(help="A companion.yaml; without one, the defaults.")
+    ] = None,
     *,
-    keys: Annotated[bool, typer.Option("--keys", help="Instead, list every key as a Markdown table.")] = False,
+    keys: Annotated[
+        bool, typer.Option("--keys", help="Instead, list every key as a Markdown table.")
+    ] = False,
 ) -> None:
     """Validate a configuration file and print the resolved configuration."""
     if keys:
         print(_keys_table(), end="")
         return
-    from companion.config import dump  # noqa: PLC0415
+    from companion.config import dump
 
     print(dump(_settings(config, None)), end="")
 
 
 def _keys_table() -> str:
-    from companion.config import keys as every_key  # noqa: PLC0415
-    from companion.settings import CompanionSettings  # noqa: PLC0415
+    from companion.config import keys as every_key
+    from companion.settings import CompanionSettings
 
     lines = ["| key | default | unit | allowed | meaning |", "|---|---|---|---|---|"]
     lines += [f"| `{key}` | {' | '.join(cells)} |" for key, *cells in every_key(CompanionSettings)]
@@ -281,7 +338,7 @@ def _keys_table() -> str:
 @app.command()
 def links() -> None:
     """List the forms of a LINK."""
-    from companion.links import help_text  # noqa: PLC0415
+    from companion.links import help_text
 
     print(help_text())
 
@@ -289,7 +346,7 @@ def links() -> None:
 @app.command()
 def estimators() -> None:
     """List the estimators."""
-    from companion.estimators import ESTIMATORS  # noqa: PLC0415
+    from companion.estimators import ESTIMATORS
 
     for name, method in ESTIMATORS.items():
         uses = ", ".join(kind.name.lower() for kind in sorted(method.uses) if kind.name != "STATUS")
@@ -298,18 +355,21 @@ def estimators() -> None:
 
 @app.command(name="warm-up")
 def warm_up_command() -> None:
-    """Compile everything now, so that the next start is quick (container images do this when built)."""
-    from companion.settings import load_settings  # noqa: PLC0415
-    from companion.warmup import warm_up  # noqa: PLC0415
+    """Compile everything now, so that the next start is quick (container images do this when
+    built)."""
+    from companion.settings import load_settings
+    from companion.warmup import warm_up
 
-    _say_if_compiling()
+    settings = load_settings()
+    _say_if_compiling(settings.estimator)
     started_s = time.perf_counter()
-    warm_up(load_settings())
+    warm_up(settings)
     print(f"compiled in {time.perf_counter() - started_s:.1f} s")
 
 
 class StatusLine:
-    """One line that is rewritten on a terminal; elsewhere a line every ten seconds and at each change of health."""
+    """One line that is rewritten on a terminal; elsewhere a line every ten seconds and at each
+    change of health."""
 
     PLAIN_PERIOD_S = 10.0
 
@@ -341,20 +401,28 @@ def format_status(status: "Status") -> str:
     return f"{status.health.name:8s} {altitude} | Hz: {rates} | {status.vehicle} | {status.link} | {status.reason}"
 
 
-def _settings(config: Path | None, estimator: str | None, changes: list[str] | None = None) -> "CompanionSettings":
-    from companion.estimators import ESTIMATORS  # noqa: PLC0415
-    from companion.settings import load_settings  # noqa: PLC0415
+def _settings(
+    config: Path | None, estimator: str | None, changes: list[str] | None = None
+) -> "CompanionSettings":
+    from companion.estimators import ESTIMATORS
+    from companion.settings import load_settings
 
     if estimator is not None and estimator not in ESTIMATORS:
-        raise ConfigError(f"no estimator is called {estimator!r}; there are: {', '.join(ESTIMATORS)}")
+        raise ConfigError(
+            f"no estimator is called {estimator!r}; there are: {', '.join(ESTIMATORS)}"
+        )
     return load_settings(config, estimator=estimator).with_assignments(changes or [])
 
 
-def _say_if_compiling() -> None:
-    from companion.jit import is_warm  # noqa: PLC0415
+def _say_if_compiling(*estimators: str) -> None:
+    from companion.estimators import ESTIMATORS
+    from companion.jit import is_warm
 
-    if not is_warm():
-        print("compiling the estimators (first run after an installation, about half a minute)...", file=sys.stderr)
+    if not all(is_warm(ESTIMATORS[name].run) for name in estimators or ESTIMATORS):
+        print(
+            "compiling the estimators (first run after an installation, about half a minute)...",
+            file=sys.stderr,
+        )
 
 
 def _refuse_same(log: Path, *outputs: Path | None) -> None:
@@ -384,12 +452,19 @@ def _stop_signals() -> Iterator[list[int]]:
 @contextmanager
 def _bar(name: str, total: float) -> "Iterator[Callable[[float], None]]":
     """A progress bar on a terminal; what it gives is called with how much is done."""
-    from rich.console import Console  # noqa: PLC0415
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
-    columns = (TextColumn(name), BarColumn(), TextColumn("{task.percentage:3.0f} %"), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    columns = (
+        TextColumn(name),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeRemainingColumn(),
+    )
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as bar:
         task = bar.add_task(name, total=total)
         yield lambda done: bar.update(task, completed=done)
 
@@ -403,8 +478,8 @@ def _with_progress(reader: "LogReader", name: str) -> Iterator[Any]:
 
 
 def _print_report(report: dict[str, Any]) -> None:
-    from rich.console import Console  # noqa: PLC0415
-    from rich.table import Table  # noqa: PLC0415
+    from rich.console import Console
+    from rich.table import Table
 
     console = Console()
     boots = f", {report['reboots']} reboots" if report["reboots"] else ""
@@ -418,7 +493,10 @@ def _print_report(report: dict[str, Any]) -> None:
     console.print(table)
     for title, key in (("left out", "set_aside"), ("damage", "damage")):
         if any(report[key].values()):
-            print(f"{title}: " + ", ".join(f"{cause} {count}" for cause, count in report[key].items() if count))
+            print(
+                f"{title}: "
+                + ", ".join(f"{cause} {count}" for cause, count in report[key].items() if count)
+            )
     altitude = report["altitude"]
     if altitude["estimates"]:
         print(
@@ -429,7 +507,16 @@ def _print_report(report: dict[str, Any]) -> None:
     else:
         print("altitude: none; the log has no usable pair of barometer and GNSS")
     if report["errors"]:
-        table = Table("against truth (m)", "RMSE", "95 %", "max", "bias", "RMSE without bias", box=None, pad_edge=False)
+        table = Table(
+            "against truth (m)",
+            "RMSE",
+            "95 %",
+            "max",
+            "bias",
+            "RMSE without bias",
+            box=None,
+            pad_edge=False,
+        )
         for found in report["errors"].values():
             keys = ("rmse_m", "p95_m", "max_m", "bias_m", "unbiased_rmse_m")
             table.add_row(found["label"], *(f"{found[key]:.2f}" for key in keys))
@@ -437,7 +524,8 @@ def _print_report(report: dict[str, Any]) -> None:
 
 
 def main() -> None:
-    """Entry point: an error that the user can act on is one line on stderr and exit code 1; wrong usage is 2."""
+    """Entry point: an error that the user can act on is one line on stderr and exit code 1; wrong
+    usage is 2."""
     try:
         app()
     except KollsmanError as error:

@@ -17,7 +17,8 @@ class Clock(Protocol):
 
 
 class SystemClock:
-    """The monotonic clock anchored once to UNIX time, so that a stepped wall clock (a Pi without RTC) cannot hurt."""
+    """The monotonic clock anchored once to UNIX time, so that a stepped wall clock (a Pi without
+    RTC) cannot hurt."""
 
     def __init__(self) -> None:
         self._offset_ns = time.time_ns() - time.monotonic_ns()

@@ -1,7 +1,9 @@
-"""Typed YAML: every key optional, defaults in code beside what they tune, one clear line for every mistake.
+"""Typed YAML: every key optional, defaults in code beside what they tune, one clear line for every
+mistake.
 
-A section of a file is a `Settings` model that lives in the module it tunes; `load` reads a file into one. The unit of a
-value is the suffix of its key, its range is declared with ``Field(ge=..., le=...)``, and both appear in the error:
+A section of a file is a `Settings` model that lives in the module it tunes; `load` reads a file
+into one. The unit of a value is the suffix of its key, its range is declared with ``Field(ge=...,
+le=...)``, and both appear in the error:
 
     companion.yaml:7: publish.altitude_hz: 500 is out of range; give a number from 0.1 to 100 (Hz)
 """
@@ -53,7 +55,12 @@ class Settings(BaseModel):
         for name, field in cls.model_fields.items():
             key, kind = field.alias or name, field.annotation
             value = values.get(key)
-            if value is None and key in values and isinstance(kind, type) and issubclass(kind, BaseModel):
+            if (
+                value is None
+                and key in values
+                and isinstance(kind, type)
+                and issubclass(kind, BaseModel)
+            ):
                 values[key] = {}
             elif isinstance(value, bool) and kind in _NUMBERS:
                 values[key] = "yes" if value else "no"
@@ -95,25 +102,35 @@ def load(path: Path | str, model: type[Model]) -> Model:
     return validate(values, model, source=str(path), root=root)
 
 
-def validate(values: dict[str, Any], model: type[Model], source: str, root: yaml.Node | None = None) -> Model:
+def validate(
+    values: dict[str, Any], model: type[Model], source: str, root: yaml.Node | None = None
+) -> Model:
     """Check `values` against `model`; `source` names their origin in the error."""
     try:
         return model.model_validate(values)
     except ValidationError as failure:
-        at: dict[tuple[int | str, ...], list[ErrorDetails]] = {}  # where in the file -> what is wrong there
+        at: dict[
+            tuple[int | str, ...], list[ErrorDetails]
+        ] = {}  # where in the file -> what is wrong there
         for error in failure.errors():
             at.setdefault(_location(error["loc"], model), []).append(error)
         location = min(at, key=lambda location: _line_of(root, location) or 0)
         line, errors = _line_of(root, location), at[location]
         place = f"{source}:{line}" if line else source
-        said = _explain(errors[0], model) if len(errors) == 1 else _explain_union(errors, location, model)
+        said = (
+            _explain(errors[0], model)
+            if len(errors) == 1
+            else _explain_union(errors, location, model)
+        )
         more = f" (and {len(at) - 1} more)" if len(at) > 1 else ""
         raise ConfigError(f"{place}: {said}{more}") from None
 
 
 def dump(model: BaseModel) -> str:
     """The resolved configuration as YAML."""
-    return yaml.safe_dump(model.model_dump(mode="json", by_alias=True), sort_keys=False, allow_unicode=True)
+    return yaml.safe_dump(
+        model.model_dump(mode="json", by_alias=True), sort_keys=False, allow_unicode=True
+    )
 
 
 def keys(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, str, str, str, str]]:
@@ -126,14 +143,27 @@ def keys(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, str, s
             continue
         default = field.get_default(call_default_factory=True)
         meaning = " ".join((field.description or "").split())
-        yield key, "" if default is None else str(default), unit_of(name), allowed_of(field), meaning
+        yield (
+            key,
+            "" if default is None else str(default),
+            unit_of(name),
+            allowed_of(field),
+            meaning,
+        )
 
 
 def allowed_of(field: FieldInfo) -> str:
     """What a key may hold, in words: a range, choices, or an empty string."""
-    inner = (part for kind in get_args(field.annotation) for part in get_args(kind) if isinstance(part, FieldInfo))
+    inner = (
+        part
+        for kind in get_args(field.annotation)
+        for part in get_args(kind)
+        if isinstance(part, FieldInfo)
+    )
     return (
-        range_of(field) or _choices(field.annotation) or next((span for part in inner if (span := range_of(part))), "")
+        range_of(field)
+        or _choices(field.annotation)
+        or next((span for part in inner if (span := range_of(part))), "")
     )
 
 
@@ -149,14 +179,22 @@ def _choices(annotation: Any) -> str:
 def unit_of(key: str) -> str:
     """The unit that the suffix of `key` stands for, or an empty string."""
     return next(
-        (unit for suffix, unit in sorted(UNITS.items(), key=lambda item: -len(item[0])) if key.endswith(suffix)), ""
+        (
+            unit
+            for suffix, unit in sorted(UNITS.items(), key=lambda item: -len(item[0]))
+            if key.endswith(suffix)
+        ),
+        "",
     )
 
 
 def range_of(field: FieldInfo) -> str:
     """The allowed range of a numeric field in words, or an empty string."""
     bounds = {
-        name: getattr(item, name) for item in field.metadata for name in ("ge", "gt", "le", "lt") if hasattr(item, name)
+        name: getattr(item, name)
+        for item in field.metadata
+        for name in ("ge", "gt", "le", "lt")
+        if hasattr(item, name)
     }
     low = bounds.get("ge", bounds.get("gt"))
     high = bounds.get("le", bounds.get("lt"))
@@ -181,13 +219,19 @@ def _explain(error: ErrorDetails, model: type[BaseModel]) -> str:
     name = str(error["loc"][-1]) if error["loc"] else ""
     given = error["input"]
     if error["type"] == "extra_forbidden":
-        known = [info.alias or field_name for field_name, info in owner.model_fields.items()] if owner else []
+        known = (
+            [info.alias or field_name for field_name, info in owner.model_fields.items()]
+            if owner
+            else []
+        )
         guess = difflib.get_close_matches(name, known, 1)
         hint = f"did you mean `{guess[0]}`?" if guess else f"known here: {', '.join(known)}"
         return f"{key}: unknown key; {hint}"
     if error["type"] == "missing":
         return f"{key}: this key is required"
-    unit = unit_of(next((str(part) for part in reversed(error["loc"]) if isinstance(part, str)), ""))
+    unit = unit_of(
+        next((str(part) for part in reversed(error["loc"]) if isinstance(part, str)), "")
+    )
     suffix = f" ({unit})" if unit else ""
     span = range_of(field) if field else ""
     shown = repr(given) if len(repr(given)) < 60 else f"this {type(given).__name__}"
@@ -202,9 +246,21 @@ def _explain(error: ErrorDetails, model: type[BaseModel]) -> str:
         return f"{key}.{context['discriminator']}: no '{context['tag']}'; give one of {context['expected_tags']}"
     if error["type"] == "invalid_key":
         return f"{key}: a key must be text"
-    if error["type"] in {"greater_than", "greater_than_equal", "less_than", "less_than_equal", "finite_number"}:
+    if error["type"] in {
+        "greater_than",
+        "greater_than_equal",
+        "less_than",
+        "less_than_equal",
+        "finite_number",
+    }:
         return f"{key}: {shown} is out of range; give a number {span}{suffix}"
-    if error["type"] in {"float_type", "float_parsing", "int_type", "int_parsing", "int_from_float"}:
+    if error["type"] in {
+        "float_type",
+        "float_parsing",
+        "int_type",
+        "int_parsing",
+        "int_from_float",
+    }:
         what = "a whole number" if error["type"].startswith("int") else "a number"
         return f"{key}: {shown} is not {what}; give {what} {span}".rstrip() + suffix
     said = f"{error['msg'].removeprefix('Value error, ')}{suffix}"
@@ -232,26 +288,43 @@ def _field_at(
 
 
 def _model_in(annotation: Any) -> type[BaseModel] | None:
-    """The first model inside an annotation such as ``Section``, ``Section | None`` or ``list[Section]``."""
+    """The first model inside an annotation such as ``Section``, ``Section | None`` or
+    ``list[Section]``."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
-    return next((found for inner in getattr(annotation, "__args__", ()) if (found := _model_in(inner))), None)
+    return next(
+        (found for inner in getattr(annotation, "__args__", ()) if (found := _model_in(inner))),
+        None,
+    )
 
 
 def _location(location: tuple[int | str, ...], model: type[BaseModel]) -> tuple[int | str, ...]:
-    """Where an error is in the file: pydantic adds the alternative that it tried when a field has several types."""
+    """Where an error is in the file: pydantic adds the alternative that it tried when a field has
+    several types."""
     _, field = _field_at(model, location[:-1])
     is_union = field is not None and get_origin(field.annotation) in (Union, UnionType)
-    return location[:-1] if is_union and field is not None and _model_in(field.annotation) is None else location
+    return (
+        location[:-1]
+        if is_union and field is not None and _model_in(field.annotation) is None
+        else location
+    )
 
 
-def _explain_union(errors: list[ErrorDetails], location: tuple[int | str, ...], model: type[BaseModel]) -> str:
+def _explain_union(
+    errors: list[ErrorDetails], location: tuple[int | str, ...], model: type[BaseModel]
+) -> str:
     """A value that fits none of a field's types."""
     _, field = _field_at(model, location)
-    bounded = [part for alternative in get_args(field.annotation if field else None) for part in get_args(alternative)]
+    bounded = [
+        part
+        for alternative in get_args(field.annotation if field else None)
+        for part in get_args(alternative)
+    ]
     span = next((range_of(part) for part in bounded if isinstance(part, FieldInfo)), "")
     words = [
-        error["ctx"]["expected"] if error["type"] == "literal_error" else f"a number {span}".rstrip()
+        error["ctx"]["expected"]
+        if error["type"] == "literal_error"
+        else f"a number {span}".rstrip()
         for error in errors
     ]
     unit = unit_of(str(location[-1]))
@@ -276,7 +349,9 @@ def _line_of(node: yaml.Node | None, location: tuple[int | str, ...]) -> int | N
             if pair is None:
                 break
             line, node = pair[0].start_mark.line + 1, pair[1]
-        elif isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value):
+        elif (
+            isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value)
+        ):
             node = node.value[part]
             line = node.start_mark.line + 1
         else:

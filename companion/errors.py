@@ -10,8 +10,8 @@
      ├─ VehicleError     the link works, the vehicle does not    (no heartbeat, no barometer)
      └─ SimulationError  the simulated flight left reality       (non-finite state, below ground, bad scenario)
 
-Bad *data* (corrupt frames, absurd values, clock jumps) never raises: it becomes a counted cause or a `Verdict`.
-The command line catches `KollsmanError` once, prints one line and exits with 1.
+Bad *data* (corrupt frames, absurd values, clock jumps) never raises: it becomes a counted cause or
+a `Verdict`. The command line catches `KollsmanError` once, prints one line and exits with 1.
 """
 
 

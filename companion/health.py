@@ -6,7 +6,8 @@ DEGRADED     one of them is missing or refused, or the spread is larger
 LOST         no height for ``lost_s``, spread above ``sd_lost_m``, no heartbeat, or no finite, possible estimate
 ===========  ==============================================================================================
 
-A turn for the worse takes effect at once (its conditions already wait), one for the better after ``recover_s``.
+A turn for the worse takes effect at once (its conditions already wait), one for the better after
+``recover_s``.
 """
 
 import math
@@ -120,7 +121,9 @@ class HealthMonitor:
             return Health.LOST, "altitude impossible"
         estimate_us = int(value["time_us"])
         heights_us = (self._used_us[kind] for kind in self._needed if kind in self._used_us)
-        newest_us = min(estimate_us, max(heights_us, default=estimate_us))  # an inertial estimate goes on without any
+        newest_us = min(
+            estimate_us, max(heights_us, default=estimate_us)
+        )  # an inertial estimate goes on without any
         if now_us - newest_us > settings.lost_s * 1e6:
             return Health.LOST, f"no usable height for {settings.lost_s:g} s"
         if sd_m > settings.sd_lost_m:

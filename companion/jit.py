@@ -1,8 +1,9 @@
 """The only file that imports Numba: `step` compiles a function, with a cache that cannot go stale.
 
 Numba's own cache looks only at the file of the function itself, so an edited helper would leave its callers compiled
-against the old one. Here the cache folder is named after a hash of every module that compiles, the Numba version and
-the processor; where that folder cannot be written and holds nothing, a temporary one is used.
+against the old one. Here each module that compiles has a cache folder of its own, named after a hash of that module,
+of every compiled module it imports, of the Numba version and of the processor: an edit of one estimator recompiles
+that estimator alone. Where the cache folder cannot be written and holds nothing, a temporary one is used.
 """
 
 import atexit
@@ -14,6 +15,7 @@ import re
 import shutil
 import tempfile
 from collections.abc import Callable
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
@@ -23,27 +25,70 @@ import llvmlite.binding  # a part of Numba that does not read its configuration
 logger = logging.getLogger("kollsman.jit")
 
 KEPT_CACHES = 4
+"""Versions of one module that stay in the cache."""
 MARK = b"from companion.jit import step"
-_OURS = re.compile("[0-9a-f]{16}")
+_IMPORT = re.compile(
+    rb"^ *from ((?:companion|sim|tests)[\w.]*) import ([^(\n]+|\([^)]*\))", re.MULTILINE
+)
+_OURS = re.compile(r"([a-z_.]+)-[0-9a-f]{16}")
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-def source_hash() -> str:
-    """Hash of everything that compiled code depends on: the modules that compile, the records, Numba, the processor.
+@cache
+def module_hash(path: Path) -> str:
+    """Hash of everything that a module's compiled code depends on.
 
     Compiled modules take names only from each other and from `samples` (tests/test_architecture.py holds this).
     """
-    digest = hashlib.sha256()
+    digest = hashlib.sha256(_environment())
+    for each in sorted(_closure(path)):
+        digest.update(each.name.encode() + each.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def source_hash() -> str:
+    """Hash of all compiled code of the companion: the estimators' numbers cannot change while it stays the same."""
+    digest = hashlib.sha256(_environment())
     package = Path(__file__).parent
     for path in sorted(package.rglob("*.py")):
-        source = path.read_bytes()
-        if MARK in source or path.name == "samples.py":
-            digest.update(str(path.relative_to(package)).encode())
-            digest.update(source)
-    cpu = os.environ.get("NUMBA_CPU_NAME") or llvmlite.binding.get_host_cpu_name()
-    digest.update(f"{version('numba')} {platform.machine()} {cpu}".encode())
+        if _compiles(path):
+            digest.update(str(path.relative_to(package)).encode() + path.read_bytes())
     return digest.hexdigest()[:16]
+
+
+def _environment() -> bytes:
+    cpu = os.environ.get("NUMBA_CPU_NAME") or llvmlite.binding.get_host_cpu_name()
+    return f"{version('numba')} {platform.machine()} {cpu}".encode()
+
+
+def _compiles(path: Path) -> bool:
+    return MARK in path.read_bytes() or path.name == "samples.py"
+
+
+def _closure(path: Path) -> set[Path]:
+    """`path` and the compiled modules that it imports, directly or through each other."""
+    found, waiting = {path}, [path]
+    while waiting:
+        for imported in _imports(waiting.pop()) - found:
+            found.add(imported)
+            waiting.append(imported)
+    return found
+
+
+@cache
+def _imports(path: Path) -> frozenset[Path]:
+    """Files of the compiled modules that a file imports from."""
+    found = set()
+    for module, names in _IMPORT.findall(path.read_bytes()):
+        place = _ROOT.joinpath(*module.decode().split("."))
+        submodules = (place / f"{name}.py" for name in re.findall(r"\w+", names.decode()))
+        found |= {
+            file
+            for file in (place.with_suffix(".py"), *submodules)
+            if file.is_file() and _compiles(file)
+        }
+    return frozenset(found)
 
 
 def cache_directory() -> Path:
@@ -55,15 +100,16 @@ def cache_directory() -> Path:
         candidates.append(Path(user_cache) / "kollsman")
     except RuntimeError:  # no home directory, as in some containers
         pass
-    name = source_hash()
-    for candidate in candidates:
-        directory = candidate / name
+    for directory in candidates:
         try:
-            if directory.is_dir() and any(directory.iterdir()) and not os.access(directory, os.W_OK):
+            if (
+                directory.is_dir()
+                and any(directory.iterdir())
+                and not os.access(directory, os.W_OK)
+            ):
                 return _temporary(directory)  # Numba uses no cache that it cannot write
             directory.mkdir(parents=True, exist_ok=True)
             if os.access(directory, os.W_OK):
-                _forget_old(candidate, keep=directory)
                 return directory
         except OSError:  # a home of somebody else's, a file in the way
             continue
@@ -80,18 +126,40 @@ def _temporary(warm: Path | None = None) -> Path:
     return directory
 
 
-def _forget_old(folder: Path, keep: Path) -> None:
-    """Leave the newest few caches: every edit of the source and every upgrade makes a new one. Others' folders stay."""
-    others = (path for path in folder.iterdir() if _OURS.fullmatch(path.name) and path.is_dir() and path != keep)
-    for path in sorted(others, key=lambda path: path.stat().st_mtime, reverse=True)[KEPT_CACHES:]:
+@cache
+def module_directory(path: Path, module: str) -> Path:
+    """The cache folder of one module; older versions of the same module are deleted, but for the newest few."""
+    directory = _CACHE / f"{module}-{module_hash(path)}"
+    try:
+        if not directory.is_dir():
+            directory.mkdir(parents=True, exist_ok=True)
+            _delete_old(directory, module)
+    except OSError as error:
+        logger.info("%s: %s", directory, error.strerror)
+    return directory
+
+
+def _delete_old(keep: Path, module: str) -> None:
+    """Every edit of a module and every upgrade makes a new folder. Folders of others stay."""
+    ours = ((_OURS.fullmatch(path.name), path) for path in keep.parent.iterdir() if path != keep)
+    others = [path for name, path in ours if name and name[1] == module and path.is_dir()]
+    for path in sorted(others, key=lambda path: path.stat().st_mtime, reverse=True)[
+        KEPT_CACHES - 1 :
+    ]:
         shutil.rmtree(path, ignore_errors=True)
 
 
-def is_warm() -> bool:
-    """Whether the cache already holds compiled code."""
-    return any(_CACHE.rglob("*.nbi"))
+def is_warm(function: Callable[..., Any]) -> bool:
+    """Whether the module of a `step` has compiled code in the cache."""
+    return any(_directory_of(function).rglob("*.nbi"))
 
 
+def _directory_of(function: Callable[..., Any]) -> Path:
+    code = getattr(function, "py_func", function).__code__
+    return module_directory(Path(code.co_filename).resolve(), function.__module__)
+
+
+_ROOT = Path(__file__).resolve().parents[1]
 _CACHE = cache_directory()
 os.environ["NUMBA_CACHE_DIR"] = str(_CACHE)
 
@@ -102,15 +170,20 @@ from numba.core.options import DefaultOptions  # noqa: E402
 _OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy"}
 if hasattr(DefaultOptions, "_nrt"):
     _OPTIONS["_nrt"] = False
-    """Numba's own switch for code that allocates nothing: without it every array that a step passes on is counted
-    atomically, which takes three quarters of the time of a scalar filter."""
+    """Numba's own switch for code that allocates nothing: without it every array that a step passes
+    on is counted atomically, which takes three quarters of the time of a scalar filter."""
 
 
 def step(function: Function) -> Function:
-    """Compile `function` (cached, IEEE division as NumPy has it); unchanged under NUMBA_DISABLE_JIT.
+    """Compile `function` (cached, IEEE division as NumPy has it); unchanged under
+    NUMBA_DISABLE_JIT.
 
-    It may look into arrays and take slices of them, but not make new ones: what it needs is in its arguments.
+    It may look into arrays and take slices of them, but not make new ones: what it needs is in its
+    arguments.
     """
+    numba.config.CACHE_DIR = str(
+        _directory_of(function)
+    )  # read when the decorator finds a function's cache
     compiled: Any = numba.njit(**_OPTIONS)(function)
     if hasattr(compiled, "get_call_template"):
         _typed_once(compiled)
@@ -120,10 +193,11 @@ def step(function: Function) -> Function:
 def _typed_once(compiled: Any) -> None:
     """Let callers that pass different constants share one compilation.
 
-    Numba types a constant argument as itself, so that a helper called with the numbers of seven states is compiled
-    seven times.
+    Numba types a constant argument as itself, so that a helper called with the numbers of seven
+    states is compiled seven times.
     """
     template = compiled.get_call_template
     compiled.get_call_template = lambda args, kws: template(
-        tuple(map(types.unliteral, args)), {name: types.unliteral(kind) for name, kind in kws.items()}
+        tuple(map(types.unliteral, args)),
+        {name: types.unliteral(kind) for name, kind in kws.items()},
     )

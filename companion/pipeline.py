@@ -1,7 +1,7 @@
 """The pipeline: packets in, estimates and MAVLink frames out.
 
-Live and replay run this same code; it knows no link, no file and no host clock, so the same bytes give the same
-estimates and the same output messages, bit for bit.
+Live and replay run this same code; it knows no link, no file and no host clock, so the same bytes
+give the same estimates and the same output messages, bit for bit.
 """
 
 import copy
@@ -31,7 +31,8 @@ PRESSURE_TIMEOUT_US = 2_000_000
 
 
 class Observer(Protocol):
-    """Whoever wants to see what happens inside: evaluation, CSV, tests. Rows are valid during the call only."""
+    """Whoever wants to see what happens inside: evaluation, CSV, tests. Rows are valid during the
+    call only."""
 
     def sample(self, kind: Kind, row: Rows, verdict: Verdict, estimate: Rows) -> None:
         """A sample got its verdict; the estimate is as it was left by it."""
@@ -84,7 +85,9 @@ class Pipeline:
         self._wanted = set(convert.CONVERTERS) | {RAW_IMU, SYSTEM_TIME, ALTITUDE, *self._listeners}
         self.observe(observer)
         self._scaled_pressure_us = -PRESSURE_TIMEOUT_US
-        self._tells_air = self._knows_air = settings.air.qnh_hpa is not None or settings.air.temperature_c is not None
+        self._tells_air = self._knows_air = (
+            settings.air.qnh_hpa is not None or settings.air.temperature_c is not None
+        )
         self._conflict: Callable[[Frame], None] | None = None
 
     @property
@@ -98,7 +101,8 @@ class Pipeline:
 
     @property
     def heard_ourselves(self) -> bool:
-        """Whether the last packet was a frame with our own ids, as in a recording of an earlier run."""
+        """Whether the last packet was a frame with our own ids, as in a recording of an earlier
+        run."""
         vehicle, component_id = self.identity.vehicle, self.identity.component_id
         ours = (vehicle[0], component_id) if vehicle is not None else None
         return any((frame.system_id, frame.component_id) == ours for frame in self.frames)
@@ -111,11 +115,14 @@ class Pipeline:
             self._wanted |= {SIM_STATE, GLOBAL_POSITION_INT}
 
     def branch(self, observer: Observer) -> "Pipeline":
-        """A second pipeline that goes on from here by itself, as if the packets differed from now on. It sends nothing.
+        """A second pipeline that goes on from here by itself, as if the packets differed from now
+        on. It sends nothing.
 
         The two share the decoder, which keeps nothing between datagrams but its counters.
         """
-        other = copy.deepcopy(self, {id(each): each for each in (self.decoder, self._encoder, self._observer)})
+        other = copy.deepcopy(
+            self, {id(each): each for each in (self.decoder, self._encoder, self._observer)}
+        )
         other._encoder = None
         other.observe(observer)
         return other
@@ -134,7 +141,11 @@ class Pipeline:
 
     def lose(self, reason: str) -> list[bytes]:
         """Nothing is heard any more, says the host's clock."""
-        return self._encode(self.outputs.status_text(Health.LOST, reason)) if self.health.lose(reason) else []
+        return (
+            self._encode(self.outputs.status_text(Health.LOST, reason))
+            if self.health.lose(reason)
+            else []
+        )
 
     def heartbeat(self) -> list[bytes]:
         """Our own heartbeat, once there is a vehicle."""
@@ -157,7 +168,8 @@ class Pipeline:
             message = self.decoder.decode(frame)
             if message is not None and identity.offer(frame, message):
                 self._encoder = Encoder(
-                    self.settings.identity.system_id or frame.system_id, self.settings.identity.component_id
+                    self.settings.identity.system_id or frame.system_id,
+                    self.settings.identity.component_id,
                 )
         origin = identity.origin(frame, arrival_us)
         if origin is Origin.OURSELVES:
@@ -176,7 +188,11 @@ class Pipeline:
     def _command(self, frame: Frame) -> list[bytes]:
         """A command addressed to us: we have none, and say so."""
         message = self.decoder.decode(frame)
-        if message is None or self.identity.vehicle is None or message.target_component != self.identity.component_id:
+        if (
+            message is None
+            or self.identity.vehicle is None
+            or message.target_component != self.identity.component_id
+        ):
             return []
         if message.target_system != self.identity.vehicle[0]:
             return []
@@ -188,7 +204,10 @@ class Pipeline:
 
     def _message(self, message: Message, message_id: int, arrival_us: int) -> list[bytes]:
         listener = self._listeners.get(message_id)
-        if listener is not None and getattr(message, "target_component", 0) in (0, self.identity.component_id):
+        if listener is not None and getattr(message, "target_component", 0) in (
+            0,
+            self.identity.component_id,
+        ):
             listener(message)  # an answer to somebody else's request is not ours
         if message_id == HEARTBEAT:
             self.identity.note(message)
@@ -232,7 +251,9 @@ class Pipeline:
         elif reading.kind is Kind.IMU and not self._wants_imu:
             self.verdicts[Kind.IMU][Verdict.IGNORED] += 1
         else:
-            return sent + self._sample(reading.kind, reading.instance, self.intake.row(reading, time_us, arrival_us))
+            return sent + self._sample(
+                reading.kind, reading.instance, self.intake.row(reading, time_us, arrival_us)
+            )
         return sent + self._react(used=False)
 
     def _is_replaced(self, reading: convert.Reading, message_id: int) -> bool:
@@ -261,7 +282,8 @@ class Pipeline:
         return self._react(used=verdict is Verdict.USED)
 
     def _react(self, *, used: bool) -> list[bytes]:
-        """What is due now that the vehicle's clock has moved: health, ALTITUDE if the estimate is new, DEBUG."""
+        """What is due now that the vehicle's clock has moved: health, ALTITUDE if the estimate is
+        new, DEBUG."""
         now_us, estimate = self.now_us, self.filter.estimate
         changed = (used or self.health.is_due(now_us)) and self.health.assess(now_us, estimate)
         health = self.health.health

@@ -1,12 +1,13 @@
 """The records everything is made of: sample rows, estimate rows, verdicts, and `SampleLog`.
 
-A sample is one row of a NumPy structured array; its dtype is its kind. Every row has ``time_us`` (vehicle boot clock,
-when the quantity was true), ``arrival_us`` (host clock, when its bytes were read) and ``instance`` (0 is the primary
-sensor). Unknown is NaN.
+A sample is one row of a NumPy structured array; its dtype is its kind. Every row has ``time_us``
+(vehicle boot clock, when the quantity was true), ``arrival_us`` (host clock, when its bytes were
+read) and ``instance`` (0 is the primary sensor). Unknown is NaN.
 
-Rows travel as one-element arrays, which compiled steps index inside: passing a ``np.record`` to compiled code costs ten
-times as much. `rows` makes them, and makes record arrays instead when ``NUMBA_DISABLE_JIT`` is set, so that
-``sample[0].pressure_pa`` reads the same compiled and uncompiled.
+Rows travel as one-element arrays, which compiled steps index inside: passing a ``np.record`` to
+compiled code costs ten times as much. `rows` makes them, and makes record arrays instead when
+``NUMBA_DISABLE_JIT`` is set, so that ``sample[0].pressure_pa`` reads the same compiled and
+uncompiled.
 """
 
 import os
@@ -61,11 +62,13 @@ class Verdict(IntEnum):
 
 
 class Suspicion(IntEnum):
-    """Why a row that is finite and in range must not be believed in absolute terms (field ``suspect``)."""
+    """Why a row that is finite and in range must not be believed in absolute terms (field
+    ``suspect``)."""
 
     NONE = 0
     DATUM = 1
-    """barometer and GNSS contradict each other by more than any weather can, and this is the one that moved"""
+    """barometer and GNSS contradict each other by more than any weather can, and this is the one
+    that moved"""
 
 
 class Fault(IntEnum):
@@ -141,7 +144,10 @@ ESTIMATE = np.dtype(
         ("climb_mps", "f8"),
         ("altitude_sd_m", "f8"),
         ("climb_sd_mps", "f8"),
-        ("baro_offset_m", "f8"),  # altitude_amsl - geometric pressure altitude: what the weather does
+        (
+            "baro_offset_m",
+            "f8",
+        ),  # altitude_amsl - geometric pressure altitude: what the weather does
         ("innovation_m", "f8"),  # of the last GNSS height
         ("height_above_takeoff_m", "f8"),
         ("baro_rate_mps", "f8"),  # drift of the barometer's error at constant height
@@ -158,7 +164,8 @@ ESTIMATE = np.dtype(
 )
 
 HEIGHT = np.dtype([("time_us", "i8"), ("altitude_amsl_m", "f8"), ("climb_mps", "f8")], align=True)
-"""Truth (SIM_STATE) and the autopilot's own result (GLOBAL_POSITION_INT): compared with, never fed to an estimator."""
+"""Truth (SIM_STATE) and the autopilot's own result (GLOBAL_POSITION_INT): compared with, never fed
+to an estimator."""
 
 ORDER = np.dtype([("kind", "i8"), ("row", "i8")], align=True)
 
@@ -188,7 +195,8 @@ def sample(kind: Kind, time_us: int, **values: Any) -> Rows:
 
 
 class Tables(NamedTuple):
-    """What a compiled `run` loops over: the order of arrival and one table a kind (in the order of `Kind`)."""
+    """What a compiled `run` loops over: the order of arrival and one table a kind (in the order of
+    `Kind`)."""
 
     order: Rows
     imu: Rows
@@ -220,7 +228,8 @@ class _Column:
 
 
 class SampleLog:
-    """Samples in tables, with the order in which they arrived. A live system cannot sort, so neither does a log."""
+    """Samples in tables, with the order in which they arrived. A live system cannot sort, so
+    neither does a log."""
 
     def __init__(self) -> None:
         self._columns = {kind: _Column(dtype) for kind, dtype in DTYPES.items()}

@@ -1,7 +1,8 @@
 """The live loop: one link, one clock, one pipeline, one thread.
 
-Everything that depends on the host's clock is here and nothing of it reaches an estimate: our heartbeat, the requests
-to the vehicle, the silence of the link, and the notice that nothing was heard.
+Everything that depends on the host's clock is here and nothing of it reaches an estimate: our
+heartbeat, the requests to the vehicle, the silence of the link, and the notice that nothing was
+heard.
 """
 
 import logging
@@ -88,7 +89,9 @@ class Service:
         self._status_us = start_us
         self._status_counts: dict[str, int] = {}
 
-    def run(self, stop: Callable[[], bool], on_status: Callable[[Status], None] | None = None) -> None:
+    def run(
+        self, stop: Callable[[], bool], on_status: Callable[[Status], None] | None = None
+    ) -> None:
         """Serve until `stop()`. `on_status` is called about once a second.
 
         Raises
@@ -121,14 +124,23 @@ class Service:
         elapsed_s = max(1e-3, (now_us - self._status_us) * 1e-6)
         counts = {kind.name.lower(): sum(self.pipeline.verdicts[kind]) for kind in Kind}
         counts["altitude"] = self.published
-        rates_hz = {name: (count - self._status_counts.get(name, 0)) / elapsed_s for name, count in counts.items()}
+        rates_hz = {
+            name: (count - self._status_counts.get(name, 0)) / elapsed_s
+            for name, count in counts.items()
+        }
         self._status_us, self._status_counts = now_us, counts
-        health, identity, value = self.pipeline.health, self.pipeline.identity, self.pipeline.estimate[0]
+        health, identity, value = (
+            self.pipeline.health,
+            self.pipeline.identity,
+            self.pipeline.estimate[0],
+        )
         vehicle = identity.vehicle
         return Status(
             health.health,
             health.reason,
-            f"{vehicle[0]}/{vehicle[1]} {autopilot_name(identity.autopilot)}" if vehicle else "no vehicle",
+            f"{vehicle[0]}/{vehicle[1]} {autopilot_name(identity.autopilot)}"
+            if vehicle
+            else "no vehicle",
             float(value["altitude_amsl_m"]),
             float(value["altitude_sd_m"]),
             float(value["climb_mps"]),
@@ -179,13 +191,18 @@ class Service:
         if pipeline.identity.vehicle is None:
             check = "check what is connected, or vehicle.system_id"
             return f"MAVLink on {link.url} but no heartbeat of an autopilot: {check}"
-        for kind, name in ((Kind.PRESSURE, "barometer (SCALED_PRESSURE)"), (Kind.GNSS, "GNSS (GPS_RAW_INT)")):
+        for kind, name in (
+            (Kind.PRESSURE, "barometer (SCALED_PRESSURE)"),
+            (Kind.GNSS, "GNSS (GPS_RAW_INT)"),
+        ):
             if kind not in pipeline.filter.method.uses or pipeline.verdicts[kind][Verdict.USED]:
                 continue
             heard = sum(pipeline.verdicts[kind])
             if heard:
                 return f"{heard} messages of the {name} but none usable: wait for a 3D fix, or check the sensor"
-            names = ", ".join(sorted(mavlink.mavlink_map[message_id].msgname for message_id in pipeline.heard)[:8])
+            names = ", ".join(
+                sorted(mavlink.mavlink_map[message_id].msgname for message_id in pipeline.heard)[:8]
+            )
             return f"no {name} in 5 s, only {names}: check the stream rates of this port (README, recipes)"
         return ""
 
@@ -218,7 +235,8 @@ class Service:
             self._requester.acknowledge(message)
 
     def _own_ids_heard(self, frame: Frame) -> None:
-        """Our own frames may come back over a forwarding link; heartbeats we did not send mean a second companion."""
+        """Our own frames may come back over a forwarding link; heartbeats we did not send mean a
+        second companion."""
         if frame.message_id != mavlink.MAVLINK_MSG_ID_HEARTBEAT or frame.data in self._recent:
             return
         self._foreign_heartbeats += 1

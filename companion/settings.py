@@ -9,14 +9,12 @@ from pydantic import Field, create_model
 
 from companion.config import Settings, load, validate
 from companion.errors import ConfigError
-from companion.estimators import ESTIMATORS
+from companion.estimators import DEFAULT_ESTIMATOR, ESTIMATORS
 from companion.health import HealthSettings
 from companion.intake import IntakeSettings
 from companion.mavlink.identity import OUR_COMPONENT_ID
 from companion.mavlink.outputs import PublishSettings
 from companion.mavlink.streams import StreamSettings
-
-DEFAULT_ESTIMATOR = "vertical-bank"
 
 
 class VehicleSettings(Settings):
@@ -41,14 +39,18 @@ class AirSettings(Settings):
     qnh_hpa: float | None = Field(None, ge=850, le=1100)
     """of the field of the take-off; otherwise what GNSS shows"""
     temperature_c: float | None = Field(None, ge=-90, le=60)
-    """of the air at the place of the start, in the shade; otherwise a standard day's, give or take 15 K"""
+    """of the air at the place of the start, in the shade; otherwise a standard day's, give or take
+    15 K"""
 
 
 EstimatorSections: type[Settings] = create_model(
     "EstimatorSections",
     __base__=Settings,
     **{
-        name.replace("-", "_"): (method.settings, Field(default_factory=method.settings, alias=name))
+        name.replace("-", "_"): (
+            method.settings,
+            Field(default_factory=method.settings, alias=name),
+        )
         for name, method in ESTIMATORS.items()
     },  # type: ignore[call-overload]
 )
@@ -75,13 +77,18 @@ class CompanionSettings(Settings):
         return section
 
     def with_changes(self, **changes: Any) -> "CompanionSettings":
-        """A copy with top-level values replaced, as options of the command line do. Raises `ConfigError`."""
-        return validate(self.model_dump(by_alias=True) | changes, CompanionSettings, source="options")
+        """A copy with top-level values replaced, as options of the command line do. Raises
+        `ConfigError`."""
+        return validate(
+            self.model_dump(by_alias=True) | changes, CompanionSettings, source="options"
+        )
 
     def with_assignments(self, assignments: Sequence[str]) -> "CompanionSettings":
-        """A copy with values replaced by texts such as ``estimators.vertical-bank.offset_sd_m=4``; a list is [a, b, c].
+        """A copy with values replaced by texts such as ``estimators.vertical-bank.offset_sd_m=4``;
+        a list is [a, b, c].
 
-        Raises `ConfigError`: one line for a text that is none, a key that is unknown, a value that is not allowed.
+        Raises `ConfigError`: one line for a text that is none, a key that is unknown, a value that
+        is not allowed.
         """
         values = self.model_dump(by_alias=True)
         for text in assignments:
@@ -96,12 +103,15 @@ class CompanionSettings(Settings):
             try:
                 section[last] = yaml.safe_load(value)
             except (yaml.YAMLError, ValueError):
-                raise ConfigError(f"--set {text}: the value is neither a number, a text nor a list") from None
+                raise ConfigError(
+                    f"--set {text}: the value is neither a number, a text nor a list"
+                ) from None
         return validate(values, CompanionSettings, source="--set")
 
 
 def load_settings(path: Path | None = None, **changes: Any) -> CompanionSettings:
-    """The configuration at `path`, or the defaults; `changes` that are not None replace top-level values."""
+    """The configuration at `path`, or the defaults; `changes` that are not None replace top-level
+    values."""
     settings = load(path, CompanionSettings) if path is not None else CompanionSettings()
     given = {key: value for key, value in changes.items() if value is not None}
     return settings.with_changes(**given) if given else settings

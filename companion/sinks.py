@@ -12,7 +12,15 @@ from companion.mavlink.codec import Message
 from companion.pipeline import Observer
 from companion.samples import Kind, Rows, Verdict
 
-COLUMNS = ("time_us", "altitude_amsl_m", "climb_mps", "altitude_sd_m", "baro_offset_m", "innovation_m", "health")
+COLUMNS = (
+    "time_us",
+    "altitude_amsl_m",
+    "climb_mps",
+    "altitude_sd_m",
+    "baro_offset_m",
+    "innovation_m",
+    "health",
+)
 
 
 class CsvSink:
@@ -30,9 +38,17 @@ class CsvSink:
 
     def sample(self, kind: Kind, row: Rows, verdict: Verdict, estimate: Rows) -> None:
         value = estimate[0]
-        if verdict is not Verdict.USED or kind is Kind.STATUS or math.isnan(value["altitude_amsl_m"]):
+        if (
+            verdict is not Verdict.USED
+            or kind is Kind.STATUS
+            or math.isnan(value["altitude_amsl_m"])
+        ):
             return
-        cells = [int(value["time_us"]), *(_cell(float(value[name])) for name in COLUMNS[1:-1]), self._health()]
+        cells = [
+            int(value["time_us"]),
+            *(_cell(float(value[name])) for name in COLUMNS[1:-1]),
+            self._health(),
+        ]
         try:
             self._writer.writerow(cells)
         except OSError as error:
@@ -51,7 +67,10 @@ class CsvSink:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         try:
             self._file.close()

@@ -1,4 +1,5 @@
-"""Compile everything a run needs before the first packet matters: a made-up vehicle goes through a pipeline."""
+"""Compile everything a run needs before the first packet matters: a made-up vehicle goes through a
+pipeline."""
 
 import logging
 import math
@@ -24,7 +25,9 @@ def warm_up(settings: CompanionSettings) -> None:
             mavlink.MAVLink_attitude_message(boot_ms, 0, 0, 0, 0, 0, 0),
             mavlink.MAVLink_raw_imu_message(boot_ms * 1000, 0, 0, -1000, 0, 0, 0, 0, 0, 0),
             mavlink.MAVLink_scaled_pressure_message(boot_ms, 1013.25, 0.0, 2500),
-            mavlink.MAVLink_gps_raw_int_message(boot_ms * 1000, 3, 1, 1, 0, 100, 150, 0, 0, 10, 0, 1000, 2000, 100, 0),
+            mavlink.MAVLink_gps_raw_int_message(
+                boot_ms * 1000, 3, 1, 1, 0, 100, 150, 0, 0, 10, 0, 1000, 2000, 100, 0
+            ),
         ]
         for message in messages:
             pipeline.feed(Packet(boot_ms * 1000, vehicle.encode(message)))

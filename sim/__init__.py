@@ -1,4 +1,5 @@
-"""Kollsman's simulator: JSBSim flies a real aircraft model through weather and speaks MAVLink as an autopilot would.
+"""Kollsman's simulator: JSBSim flies a real aircraft model through weather and speaks MAVLink as an
+autopilot would.
 
 Data path, in lockstep (`flight.Flight`)::
 
@@ -8,8 +9,8 @@ Data path, in lockstep (`flight.Flight`)::
                                                             ^
                                        commands, ALTITUDE --'
 
-Units, frames and names are those of `companion.__init__`. Two borders translate: ``aircraft.py`` (JSBSim's feet and
-slugs) and ``telemetry.py`` with ``px4.py`` (MAVLink's integers).
+Units, frames and names are those of `companion.__init__`. Two borders translate: ``aircraft.py``
+(JSBSim's feet and slugs) and ``telemetry.py`` with ``px4.py`` (MAVLink's integers).
 
 Time
 ----
@@ -49,9 +50,11 @@ STEP_HZ = 200
 """Rate of the flight dynamics."""
 
 TICK_US = 10_000
-"""The scheduler's tick: two steps of the dynamics. 20 Hz pressure and 50 Hz IMU both are whole numbers of ticks."""
+"""The scheduler's tick: two steps of the dynamics. 20 Hz pressure and 50 Hz IMU both are whole
+numbers of ticks."""
 
 STEPS_PER_TICK = STEP_HZ * TICK_US // 1_000_000
 
 BOOT_UNIX_US = 1_767_225_600_000_000
-"""UNIX time of every simulated boot: 2026-01-01T00:00:00Z. A constant, so that logs repeat to the byte."""
+"""UNIX time of every simulated boot: 2026-01-01T00:00:00Z. A constant, so that logs repeat to the
+byte."""

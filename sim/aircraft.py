@@ -1,8 +1,10 @@
-"""A JSBSim aircraft in SI units: the only file that knows JSBSim's property names, feet, pounds and degrees Rankine.
+"""A JSBSim aircraft in SI units: the only file that knows JSBSim's property names, feet, pounds and
+degrees Rankine.
 
-Height is JSBSim's geodetic height, which the simulator takes as height above mean sea level (the geoid enters with the
-GNSS receiver's undulation). Pressure and temperature come from JSBSim's own atmosphere, never from the companion's, so
-that an estimator is not tested against its own model of the air.
+Height is JSBSim's geodetic height, which the simulator takes as height above mean sea level (the
+geoid enters with the GNSS receiver's undulation). Pressure and temperature come from JSBSim's own
+atmosphere, never from the companion's, so that an estimator is not tested against its own model of
+the air.
 """
 
 import math
@@ -29,12 +31,13 @@ _SLUGS_PER_FT3 = _LB * G0_MPS2 / _FT / _FT**3
 Vector = tuple[float, float, float]
 _NOTHING = (0.0,) * 6
 _BURIED = 0.25
-"""The wheels keep the centre of gravity up: not even a hard landing takes this much of its height at rest."""
+"""The wheels keep the centre of gravity up: not even a hard landing takes this much of its height
+at rest."""
 _CRASH_MPS = 4.0
 """No undercarriage stands this; JSBSim's would bounce and fly on."""
 _TIPPED, _TIPPED_M = math.cos(math.radians(24.0)), 0.5
-"""At such a tilt, so near to where the wheels carry it, a wing tip, the nose or the tail is in the ground: rotation and
-touchdown take 11 degrees."""
+"""At such a tilt, so near to where the wheels carry it, a wing tip, the nose or the tail is in the
+ground: rotation and touchdown take 11 degrees."""
 _ALOFT_ALPHA_DEG = 3.0
 """Near enough to every aircraft's own at cruise: the autopilot finds it within seconds."""
 
@@ -52,8 +55,9 @@ class Model:
     """without one, it cannot take off: its flights start aloft"""
 
 
-# Heights at rest: geod-alt-ft less the terrain after a minute on the wheels, brakes on, engines idling. Stall angles:
-# where the lift over alpha in the model's file is greatest, flaps in and elevator neutral; a test reads it there.
+# Heights at rest: geod-alt-ft less the terrain after a minute on the wheels, brakes on, engines
+# idling. Stall angles: where the lift over alpha in the model's file is greatest, flaps in and
+# elevator neutral; a test reads it there.
 MODELS = {
     "c172p": Model("c172p", rest_height_m=1.3274, stall_rad=0.28),
     "737": Model("737", rest_height_m=1.1247, stall_rad=0.23, engines=2),
@@ -63,7 +67,8 @@ MODELS = {
 
 
 class Truth(NamedTuple):
-    """The aircraft and the air around it at one instant. Angles in b relative to n, rates and forces in b."""
+    """The aircraft and the air around it at one instant. Angles in b relative to n, rates and
+    forces in b."""
 
     time_us: int
     latitude_deg: float
@@ -129,8 +134,8 @@ class Flow(NamedTuple):
 class Aircraft:
     """One aircraft on a runway with its engines running, or `aloft`, stepped at `STEP_HZ`.
 
-    Raises `SimulationError` when the model is unknown, or when the flight leaves reality: a state that is not finite,
-    a centre of gravity below the ground, or a crash.
+    Raises `SimulationError` when the model is unknown, or when the flight leaves reality: a state
+    that is not finite, a centre of gravity below the ground, or a crash.
     """
 
     def __init__(
@@ -144,7 +149,8 @@ class Aircraft:
         aloft: tuple[float, float] | None = None,
         seed: int = 0,
     ) -> None:
-        """`aloft`: altitude AMSL (m) and calibrated airspeed (m/s) at which the flight begins above the runway."""
+        """`aloft`: altitude AMSL (m) and calibrated airspeed (m/s) at which the flight begins above
+        the runway."""
         if model not in MODELS:
             raise SimulationError(f"no aircraft '{model}': there are {', '.join(sorted(MODELS))}")
         self._ground_m = field_elevation_m
@@ -165,7 +171,9 @@ class Aircraft:
         """of Nx, Ny, Nz and the inertial rates p, q, r over the last ``_summed`` steps"""
         self._summed = 0
 
-    def _start(self, model: Model, latitude_deg: float, longitude_deg: float, heading_deg: float, seed: int) -> None:
+    def _start(
+        self, model: Model, latitude_deg: float, longitude_deg: float, heading_deg: float, seed: int
+    ) -> None:
         fdm = self._fdm
         fdm.set_dt(1.0 / STEP_HZ)
         fdm["simulation/randomseed"] = seed % 2**31
@@ -198,34 +206,48 @@ class Aircraft:
         self._run: Callable[[], bool] = self._fdm.run
         self._load_factors = tuple(reader(f"accelerations/N{axis}") for axis in "xyz")
         self._inertial_rates = tuple(reader(f"velocities/{axis}i-rad_sec") for axis in "pqr")
-        self._position = tuple(reader(f"position/{n}") for n in ("lat-geod-deg", "long-gc-deg", "geod-alt-ft"))
+        self._position = tuple(
+            reader(f"position/{n}") for n in ("lat-geod-deg", "long-gc-deg", "geod-alt-ft")
+        )
         self._velocity = tuple(reader(f"velocities/v-{n}-fps") for n in ("north", "east", "down"))
         self._attitude = tuple(reader(f"attitude/{n}-rad") for n in ("phi", "theta", "psi"))
         self._rates = tuple(reader(f"velocities/{axis}-rad_sec") for axis in "pqr")
-        self._column_height = reader("position/h-sl-ft")  # what JSBSim's own air goes by: 3 cm from geodetic at 5 km
+        self._column_height = reader(
+            "position/h-sl-ft"
+        )  # what JSBSim's own air goes by: 3 cm from geodetic at 5 km
         self._air = tuple(reader(f"atmosphere/{n}") for n in ("P-psf", "T-R"))
-        self._flow = tuple(reader(n) for n in ("aero/qbar-psf", "aero/beta-rad", "position/geod-alt-ft"))
+        self._flow = tuple(
+            reader(n) for n in ("aero/qbar-psf", "aero/beta-rad", "position/geod-alt-ft")
+        )
         self.angle_of_attack_rad = reader("aero/alpha-rad")
         self._fuel_lb = reader("propulsion/total-fuel-lbs") if engines else lambda: math.inf
         self._airspeed_kt = reader("velocities/vc-kts")
         self._weight_on_wheels = reader("gear/wow")
         self._stick = tuple(writer(f"fcs/{n}-cmd-norm") for n in ("elevator", "aileron", "rudder"))
-        self._throttles = tuple(writer(f"fcs/throttle-cmd-norm[{number}]") for number in range(engines))
+        self._throttles = tuple(
+            writer(f"fcs/throttle-cmd-norm[{number}]") for number in range(engines)
+        )
         rarely = ("left-brake", "speedbrake", "right-brake", "steer", "flap", "gear", "spoiler")
-        self._rarely = tuple(writer(f"{'gear' if n == 'gear' else 'fcs'}/{n}-cmd-norm") for n in rarely)
+        self._rarely = tuple(
+            writer(f"{'gear' if n == 'gear' else 'fcs'}/{n}-cmd-norm") for n in rarely
+        )
         self._rare: tuple[float, ...] = ()
         """what was last written there, but for the left brake, which is the right one's"""
         for number in range(engines):
             self._fdm[f"fcs/mixture-cmd-norm[{number}]"] = 1.0
         self._set_air = tuple(writer(f"atmosphere/{n}") for n in ("P-sl-psf", "delta-T"))
-        self._set_wind = tuple(writer(f"atmosphere/wind-{n}-fps") for n in ("north", "east", "down"))
+        self._set_wind = tuple(
+            writer(f"atmosphere/wind-{n}-fps") for n in ("north", "east", "down")
+        )
 
     def control(self, controls: Controls) -> None:
         """Move what the pilot moves. What moves rarely is written only then: a write costs 0.1 us."""
         elevator, aileron, rudder, throttle, *others = controls
         self._stick[0](-elevator)  # JSBSim's elevator is positive trailing edge down
         self._stick[1](aileron)
-        self._stick[2](-rudder)  # and its rudder positive trailing edge left, as the aerodynamic convention has it
+        self._stick[2](
+            -rudder
+        )  # and its rudder positive trailing edge left, as the aerodynamic convention has it
         for write in self._throttles:
             write(max(throttle, 0.0))
         rare = (max(-throttle, 0.0), *others)
@@ -242,7 +264,8 @@ class Aircraft:
         self._set_air[1](temperature_offset_k * _RANKINE_PER_K)
 
     def set_column(self, column: Callable[[float], tuple[float, float, float]]) -> None:
-        """A column of one's own in place of JSBSim's, from now on: altitude AMSL (m) -> Pa, K, kg/m3.
+        """A column of one's own in place of JSBSim's, from now on: altitude AMSL (m) -> Pa, K,
+        kg/m3.
 
         JSBSim cannot be given its own column back.
         """
@@ -272,11 +295,13 @@ class Aircraft:
         self._blow()
 
     def _blow(self) -> None:
-        """Give JSBSim the wind; to an aircraft on its wheels, no more of it than the models are made for.
+        """Give JSBSim the wind; to an aircraft on its wheels, no more of it than the models are
+        made for.
 
-        They know air from ahead. Where it comes from beside or behind, the angle of attack of what stands is anything:
-        a parked trainer goes over on its back in a side wind of 5 m/s. So on the wheels a tail wind counts up to half
-        the ground speed, and a side wind up to the airspeed from ahead.
+        They know air from ahead. Where it comes from beside or behind, the angle of attack of what
+        stands is anything: a parked trainer goes over on its back in a side wind of 5 m/s. So on
+        the wheels a tail wind counts up to half the ground speed, and a side wind up to the
+        airspeed from ahead.
         """
         wind_mps = self._wind_mps
         if any(wind_mps) and self._weight_on_wheels() > 0.5:
@@ -293,10 +318,15 @@ class Aircraft:
         along_mps = min(north_mps * ahead + east_mps * beside, 0.5 * speed_mps)
         airspeed_mps = speed_mps - along_mps
         across_mps = max(-airspeed_mps, min(airspeed_mps, east_mps * ahead - north_mps * beside))
-        return along_mps * ahead - across_mps * beside, along_mps * beside + across_mps * ahead, down_mps
+        return (
+            along_mps * ahead - across_mps * beside,
+            along_mps * beside + across_mps * ahead,
+            down_mps,
+        )
 
     def set_turbulence(self, severity: int, wind_at_6m_mps: float) -> None:
-        """Dryden turbulence of MIL-F-8785C: severity 0 (none) to 7, 4 is moderate; low down the wind counts instead."""
+        """Dryden turbulence of MIL-F-8785C: severity 0 (none) to 7, 4 is moderate; low down the
+        wind counts instead."""
         self._fdm["atmosphere/turb-type"] = 3 if severity else 0
         self._fdm["atmosphere/turbulence/milspec/severity"] = severity
         self._fdm["atmosphere/turbulence/milspec/windspeed_at_20ft_AGL-fps"] = wind_at_6m_mps / _FT
@@ -304,7 +334,8 @@ class Aircraft:
     # Time
 
     def settle(self, duration_s: float = 10.0) -> None:
-        """Let the wheels and the idling engine come to rest, brakes on, and call the end of it time zero.
+        """Let the wheels and the idling engine come to rest, brakes on, and call the end of it time
+        zero.
 
         Aloft there is nothing to wait for."""
         if self._aloft is not None:
@@ -340,7 +371,9 @@ class Aircraft:
         """The mean over the steps since the last call."""
         count = self._summed
         if count == 0:
-            raise SimulationError("mean_motion was asked for without a step of the dynamics in between")
+            raise SimulationError(
+                "mean_motion was asked for without a step of the dynamics in between"
+            )
         nx, ny, nz, p, q, r = self._sums
         scale = G0_MPS2 / count
         # JSBSim's Nz is positive upwards, one at rest; the body's z axis points down.
@@ -422,8 +455,12 @@ class Aircraft:
 
     def _check(self, truth: Truth) -> None:
         if not math.isfinite(sum(truth)):
-            bad = ", ".join(name for name, value in truth._asdict().items() if not math.isfinite(value))
-            raise SimulationError(f"at {truth.time_us / 1e6:.2f} s the flight dynamics diverged: {bad} not finite")
+            bad = ", ".join(
+                name for name, value in truth._asdict().items() if not math.isfinite(value)
+            )
+            raise SimulationError(
+                f"at {truth.time_us / 1e6:.2f} s the flight dynamics diverged: {bad} not finite"
+            )
         height_m = truth.altitude_amsl_m - self._ground_m
         if height_m > self._rest_height_m + 1.0:
             return
@@ -447,8 +484,10 @@ class Aircraft:
 
 def _load(name: str) -> "jsbsim.FGFDMExec":  # type: ignore[name-defined]  # noqa: F821
     """JSBSim with one model, silent on stdout and writing no files."""
-    os.environ.setdefault("JSBSIM_DEBUG", "0")  # read by JSBSim's library when it is first used: no banner
-    import jsbsim  # noqa: PLC0415  a third of a second that --help need not pay
+    os.environ.setdefault(
+        "JSBSIM_DEBUG", "0"
+    )  # read by JSBSim's library when it is first used: no banner
+    import jsbsim
 
     fdm = jsbsim.FGFDMExec(None)
     fdm.set_debug_level(0)
@@ -464,7 +503,8 @@ def _load(name: str) -> "jsbsim.FGFDMExec":  # type: ignore[name-defined]  # noq
 
 
 def _deafened(source: Path, folder: Path) -> bool:
-    """Whether a model would open TCP ports to whoever connects (the 737 does): then `folder` gets a copy without."""
+    """Whether a model would open TCP ports to whoever connects (the 737 does): then `folder` gets a
+    copy without."""
     if not source.is_file():
         return False
     tree = ElementTree.parse(source)

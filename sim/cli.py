@@ -15,16 +15,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from companion.errors import KollsmanError
-from sim import fleet_cli as fleet
-from sim.evaluation import cli as evaluation
+from sim.studies import cli as fleet
+from sim.studies.goals import cli as evaluation
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
     from rich.progress import TaskID
 
     from companion.links import Link
-    from sim.demo import Reading
     from sim.flight import Flight, Progress, Summary
+    from sim.studies.demo import Reading
 
 app = typer.Typer(
     name="kollsman-sim",
@@ -86,21 +86,38 @@ def _speed(text: str) -> float | None:
 
 @app.command(epilog=_FLY_EXAMPLES)
 def fly(
-    scenario: Annotated[str, typer.Argument(help="Name of a scenario (see `list`), or the path of a .yaml file.")],
+    scenario: Annotated[
+        str, typer.Argument(help="Name of a scenario (see `list`), or the path of a .yaml file.")
+    ],
     *,
     link: Annotated[
-        list[str] | None, typer.Option(help="Where to speak MAVLink; may be given several times.", metavar="URL")
+        list[str] | None,
+        typer.Option(help="Where to speak MAVLink; may be given several times.", metavar="URL"),
     ] = None,
-    tlog: Annotated[Path | None, typer.Option(help="Record everything at full rate.", metavar="OUT")] = None,
+    tlog: Annotated[
+        Path | None, typer.Option(help="Record everything at full rate.", metavar="OUT")
+    ] = None,
     speed: Annotated[
-        str, typer.Option(help="Times real time, or max. Default: 1 with a link, max to a log alone.", metavar="X|max")
+        str,
+        typer.Option(
+            help="Times real time, or max. Default: 1 with a link, max to a log alone.",
+            metavar="X|max",
+        ),
     ] = "",
-    seed: Annotated[int | None, typer.Option(min=0, help="In place of the scenario's; same seed, same bytes.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="In place of the scenario's; same seed, same bytes.")
+    ] = None,
     all_streams: Annotated[
-        bool, typer.Option("--all-streams", help="Links get the log's rates unasked, instead of ArduPlane's 1 Hz.")
+        bool,
+        typer.Option(
+            "--all-streams", help="Links get the log's rates unasked, instead of ArduPlane's 1 Hz."
+        ),
     ] = False,
     flavour: Annotated[
-        str, typer.Option(help="ardupilot, px4 or generic. Default: the scenario's.", metavar="AUTOPILOT")
+        str,
+        typer.Option(
+            help="ardupilot, px4 or generic. Default: the scenario's.", metavar="AUTOPILOT"
+        ),
     ] = "",
 ) -> None:
     """Fly one scenario to a link, a log, or both."""
@@ -109,10 +126,10 @@ def fly(
         raise _usage("nowhere to fly to: give a --link URL, a --tlog FILE, or both")
     pace = _speed(speed or ("1" if links else "max"))
 
-    from companion.links import open_link  # noqa: PLC0415
-    from sim.flavours import FLAVOURS  # noqa: PLC0415
-    from sim.flight import Flight  # noqa: PLC0415
-    from sim.scenario import load_scenario  # noqa: PLC0415
+    from companion.links import open_link
+    from sim.flight import Flight
+    from sim.scenario import load_scenario
+    from sim.vehicle.flavours import FLAVOURS
 
     if flavour and flavour not in FLAVOURS:
         raise _usage(f"--flavour '{flavour}' is none of {', '.join(FLAVOURS)}")
@@ -123,7 +140,15 @@ def fly(
         for url in links:
             opened.append(open_link(url))
             stack.callback(opened[-1].close)
-        flight = Flight(config, links=opened, tlog=tlog, seed=seed, all_streams=all_streams, speed=pace, flavour=face)
+        flight = Flight(
+            config,
+            links=opened,
+            tlog=tlog,
+            seed=seed,
+            all_streams=all_streams,
+            speed=pace,
+            flavour=face,
+        )
         summary = run_with_progress(flight)
     print_summary(summary, tlog, opened)
 
@@ -132,12 +157,17 @@ def fly(
 def demo(
     *,
     speed: Annotated[str, typer.Option(help="Times real time, or max.", metavar="X|max")] = "20",
-    scenario: Annotated[str, typer.Option(help="Name of a scenario (see `list`).")] = "weather-change",
-    out: Annotated[Path, typer.Option(help="Folder for the log and the plot.", metavar="DIR")] = Path("out/demo"),
+    scenario: Annotated[
+        str, typer.Option(help="Name of a scenario (see `list`).")
+    ] = "weather-change",
+    out: Annotated[
+        Path, typer.Option(help="Folder for the log and the plot.", metavar="DIR")
+    ] = Path("out/demo"),
 ) -> None:
-    """Simulator and companion as two processes over UDP: watch the altitudes part while a front passes."""
+    """Simulator and companion as two processes over UDP: watch the altitudes part while a front
+    passes."""
     pace = _speed(speed)
-    from sim import demo as show  # noqa: PLC0415
+    from sim.studies import demo as show
 
     print(
         f"starting the companion; then {scenario} flies at {speed}x, and the autopilot receives its ALTITUDE",
@@ -145,9 +175,13 @@ def demo(
     )
     tlog = show.fly(scenario, pace, out, _DemoTable().show, lambda text: print(text, flush=True))
     collector = show.judge(tlog)
-    print(f"\n{'against truth, after the first minute (m)':42s}{'RMSE':>8s}{'95 %':>8s}{'max':>8s}{'bias':>8s}")
+    print(
+        f"\n{'against truth, after the first minute (m)':42s}{'RMSE':>8s}{'95 %':>8s}{'max':>8s}{'bias':>8s}"
+    )
     for label, found in show.errors(collector).items():
-        print(f"{label:42s}{found.rmse_m:8.2f}{found.p95_m:8.2f}{found.max_m:8.2f}{found.bias_m:8.2f}")
+        print(
+            f"{label:42s}{found.rmse_m:8.2f}{found.p95_m:8.2f}{found.max_m:8.2f}{found.bias_m:8.2f}"
+        )
     picture = out / f"{scenario}.png"
     show.plot(collector, picture, f"{scenario}: what each source says, and by how much it is wrong")
     print(f"\nplot: {picture}\nlog:  {tlog} (try: kollsman replay {tlog})")
@@ -166,10 +200,13 @@ class _DemoTable:
             return
         if not self._headed:
             self._headed = True
-            head = "".join(f"{name:>17s}" for name in ("GNSS", "barometer", "autopilot", "Kollsman"))
+            head = "".join(
+                f"{name:>17s}" for name in ("GNSS", "barometer", "autopilot", "Kollsman")
+            )
             print(f"\n{'time':>6s}  {'truth':>8s}{head}   leg", flush=True)
         cells = "".join(
-            _beside(value, now.truth_m) for value in (now.gnss_m, now.baro_m, now.autopilot_m, now.kollsman_m)
+            _beside(value, now.truth_m)
+            for value in (now.gnss_m, now.baro_m, now.autopilot_m, now.kollsman_m)
         )
         minutes, seconds = divmod(round(now.time_s), 60)
         print(f"{minutes:3d}:{seconds:02d}  {now.truth_m:6.0f} m{cells}   {now.leg}", flush=True)
@@ -185,19 +222,22 @@ app.command(epilog=fleet.GALLERY_EXAMPLES)(fleet.gallery)
 
 @app.command(name="list")
 def list_scenarios(
-    *, keys: Annotated[bool, typer.Option("--keys", help="Instead, every key of a scenario file, as Markdown.")] = False
+    *,
+    keys: Annotated[
+        bool, typer.Option("--keys", help="Instead, every key of a scenario file, as Markdown.")
+    ] = False,
 ) -> None:
     """Show the scenarios that come with the simulator."""
     if keys:
-        from sim.scenario_keys import page  # noqa: PLC0415
+        from sim.scenario_keys import page
 
         print(page(), end="")
         return
 
-    from rich.console import Console  # noqa: PLC0415
-    from rich.table import Table  # noqa: PLC0415
+    from rich.console import Console
+    from rich.table import Table
 
-    from sim.scenario import load_scenario, scenario_paths  # noqa: PLC0415
+    from sim.scenario import load_scenario, scenario_paths
 
     table = Table(box=None, pad_edge=False)
     table.add_column("scenario", style="bold")
@@ -211,45 +251,62 @@ def list_scenarios(
 
 @app.command(epilog=_CORRUPT_EXAMPLES)
 def corrupt(
-    source: Annotated[Path | None, typer.Argument(help="The log to read.", metavar="IN.tlog")] = None,
-    target: Annotated[Path | None, typer.Argument(help="The log to write.", metavar="OUT.tlog")] = None,
+    source: Annotated[
+        Path | None, typer.Argument(help="The log to read.", metavar="IN.tlog")
+    ] = None,
+    target: Annotated[
+        Path | None, typer.Argument(help="The log to write.", metavar="OUT.tlog")
+    ] = None,
     *,
     fault: Annotated[
         list[str] | None,
-        typer.Option(help="May be given several times; the first acts first.", metavar="NAME[:key=value,...]"),
+        typer.Option(
+            help="May be given several times; the first acts first.", metavar="NAME[:key=value,...]"
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Same seed, same bytes.")] = 1,
-    show: Annotated[bool, typer.Option("--list", help="Show the faults and their parameters.")] = False,
+    show: Annotated[
+        bool, typer.Option("--list", help="Show the faults and their parameters.")
+    ] = False,
 ) -> None:
-    """Copy a log with faults: packets lost, late or out of order, sensors that fail, clocks that jump."""
+    """Copy a log with faults: packets lost, late or out of order, sensors that fail, clocks that
+    jump."""
     if show:
         _print_faults()
         return
     if source is None or target is None or not fault:
-        raise _usage("give IN.tlog, OUT.tlog and at least one --fault NAME; --list shows the faults")
+        raise _usage(
+            "give IN.tlog, OUT.tlog and at least one --fault NAME; --list shows the faults"
+        )
 
-    from rich.console import Console  # noqa: PLC0415
-    from rich.progress import Progress as ProgressBar  # noqa: PLC0415
+    from rich.console import Console
+    from rich.progress import Progress as ProgressBar
 
-    from sim.corrupt import corrupt as copy  # noqa: PLC0415
-    from sim.faults import parse_fault  # noqa: PLC0415
+    from sim.faults import parse_fault
+    from sim.studies.corrupt import corrupt as copy
 
     faults = [parse_fault(text) for text in fault]
     console = Console(stderr=True)
     with ProgressBar(console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task(source.name, total=None)
-        found = copy(source, target, faults, seed, lambda done, total: bar.update(task, completed=done, total=total))
+        found = copy(
+            source,
+            target,
+            faults,
+            seed,
+            lambda done, total: bar.update(task, completed=done, total=total),
+        )
     print(
         f"{target}: {found.written} of {found.read} packets written, {found.touched} of them changed or at another time"
     )
 
 
 def _print_faults() -> None:
-    from rich.console import Console  # noqa: PLC0415
-    from rich.table import Table  # noqa: PLC0415
+    from rich.console import Console
+    from rich.table import Table
 
-    from sim.corrupt import parameters, table  # noqa: PLC0415
-    from sim.faults import Fault  # noqa: PLC0415
+    from sim.faults import Fault
+    from sim.studies.corrupt import parameters, table
 
     shown = Table(box=None, pad_edge=False)
     for title in ("fault", "parameter", "default", "allowed", "what it is"):
@@ -267,20 +324,24 @@ def _print_faults() -> None:
 @app.command()
 def reproduce(
     papers: Annotated[
-        list[str] | None, typer.Argument(help="Key letters: H W C R K. Default: all.", metavar="[KEY]...")
+        list[str] | None,
+        typer.Argument(help="Key letters: H W C R K. Default: all.", metavar="[KEY]..."),
     ] = None,
     *,
     seeds: Annotated[
-        int | None, typer.Option(min=2, help="Monte-Carlo runs a paper. Default: each paper's own number.")
+        int | None,
+        typer.Option(min=2, help="Monte-Carlo runs a paper. Default: each paper's own number."),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder of the pages and figures.", metavar="DIR")] = Path("out/papers"),
+    out: Annotated[
+        Path, typer.Option(help="Folder of the pages and figures.", metavar="DIR")
+    ] = Path("out/papers"),
 ) -> None:
     """Rebuild the simulations of the five papers and hold the estimators against what they print."""
-    from rich.console import Console  # noqa: PLC0415
-    from rich.progress import Progress as ProgressBar  # noqa: PLC0415
+    from rich.console import Console
+    from rich.progress import Progress as ProgressBar
 
-    from sim.papers import PAPERS  # noqa: PLC0415
-    from sim.papers.page import summary  # noqa: PLC0415
+    from sim.studies.papers import PAPERS
+    from sim.studies.papers.page import summary
 
     keys = list(dict.fromkeys(key.upper() for key in papers or PAPERS))
     unknown = [key for key in keys if key not in PAPERS]
@@ -307,13 +368,15 @@ def _report_share(bar: "Bar", task: "TaskID", name: str, fraction: float, what: 
 
 def run_with_progress(flight: "Flight") -> "Summary":
     """Fly with a progress line on stderr; SIGINT and SIGTERM end the flight in good order."""
-    from rich.console import Console  # noqa: PLC0415
-    from rich.progress import Progress as ProgressBar  # noqa: PLC0415
-    from rich.progress import SpinnerColumn, TextColumn  # noqa: PLC0415
+    from rich.console import Console
+    from rich.progress import Progress as ProgressBar
+    from rich.progress import SpinnerColumn, TextColumn
 
     columns = (SpinnerColumn(), TextColumn("{task.description}"))
     console = Console(stderr=True)
-    progress = ProgressBar(*columns, console=console, transient=True, disable=not console.is_terminal)
+    progress = ProgressBar(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    )
     with progress as bar, _stopped_by_signals(flight):
         return flight.run(_reporter(bar, flight.scenario.name))
 
@@ -375,11 +438,14 @@ def _print_heard(summary: "Summary") -> None:
     for (system_id, component_id), names in sorted(sources.items()):
         print(f"  {system_id}/{component_id}: {', '.join(names)}")
     if heard.altitude is not None and heard.altitude_us is not None:
-        print(f"  last ALTITUDE: {heard.altitude.altitude_amsl:.1f} m AMSL at {heard.altitude_us / 1e6:.1f} s")
+        print(
+            f"  last ALTITUDE: {heard.altitude.altitude_amsl:.1f} m AMSL at {heard.altitude_us / 1e6:.1f} s"
+        )
 
 
 def main() -> None:
-    """Entry point: an error that the user can act on is one line on stderr and exit code 1; wrong usage is 2."""
+    """Entry point: an error that the user can act on is one line on stderr and exit code 1; wrong
+    usage is 2."""
     try:
         app()
     except KollsmanError as error:

@@ -3,8 +3,8 @@
     flight = Flight(load_scenario("short-hop"), tlog=Path("hop.tlog"))
     summary = flight.run()
 
-Within a tick: weather, dynamics, truth, sensors, autopilot, what the links brought, what the vehicle sends. Only `run`
-looks at the host's clock, and only to wait.
+Within a tick: weather, dynamics, truth, sensors, autopilot, what the links brought, what the
+vehicle sends. Only `run` looks at the host's clock, and only to wait.
 """
 
 import contextlib
@@ -22,28 +22,30 @@ from companion.logs.tlog import TlogWriter
 from companion.samples import Packet
 from sim import BOOT_UNIX_US, STEPS_PER_TICK
 from sim.aircraft import Aircraft, Truth
-from sim.approach import Place
-from sim.autopilot import UPDATE_HZ, Autopilot, Mode, Target
-from sim.estimate import OwnEstimate
 from sim.faults.way import Way
-from sim.flavours import FLAVOURS, FlavourName
-from sim.ports import Port
-from sim.profile import Hold, Profile
+from sim.pilot.approach import Place
+from sim.pilot.autopilot import UPDATE_HZ, Autopilot, Mode, Target
+from sim.pilot.profile import Hold, Profile
+from sim.pilot.stall import StallWatch
 from sim.scenario import Scenario
 from sim.sensors.barometer import Barometer
 from sim.sensors.gnss import Fix, GnssReceiver
 from sim.sensors.imu import Imu
-from sim.stall import StallWatch
-from sim.vehicle import Heard, Vehicle
+from sim.vehicle.flavours import FLAVOURS, FlavourName
+from sim.vehicle.own_estimate import OwnEstimate
+from sim.vehicle.ports import Port
+from sim.vehicle.vehicle import Heard, Vehicle
 from sim.weather import Weather
 
 MOTION_US = 1_000_000 // UPDATE_HZ
 """truth, autopilot and the quickest IMU: every second tick"""
 _WEATHER_US = 100_000
 _STRAYED_M = 200.0
-"""from the altitude of a hold; gusts, waves and turns in the scenarios that come with it move it by 60 m at most"""
+"""from the altitude of a hold; gusts, waves and turns in the scenarios that come with it move it by
+60 m at most"""
 _LIFTED_M = 3.0
-"""height of the centre of gravity, at most 1.7 m on the wheels, of which no aircraft stands any more"""
+"""height of the centre of gravity, at most 1.7 m on the wheels, of which no aircraft stands any
+more"""
 _LATE_S = 0.5
 """Further behind than this, the pace gives the time up for lost instead of rushing after it."""
 _READS_PER_TICK = 32
@@ -144,12 +146,15 @@ class Flight:
         self.vehicle.state.true_air = self.weather.truth
         rates_hz = scenario.streams_hz if all_streams else {}
         self._links = [
-            (link, Port(link.url, self._way(link), rates_hz, full=all_streams, flavour=face)) for link in links
+            (link, Port(link.url, self._way(link), rates_hz, full=all_streams, flavour=face))
+            for link in links
         ]
         for _, port in self._links:
             self.vehicle.add_port(port)
         if self._writer is not None:
-            self.vehicle.add_port(Port(str(tlog), self._way(None), scenario.streams_hz, full=True, flavour=face))
+            self.vehicle.add_port(
+                Port(str(tlog), self._way(None), scenario.streams_hz, full=True, flavour=face)
+            )
 
     def _start_aircraft(self, seed: int) -> None:
         scenario, runway = self.scenario, self.scenario.runway
@@ -162,7 +167,9 @@ class Flight:
             longitude_deg=runway.longitude_deg,
             field_elevation_m=runway.elevation_m,
             heading_deg=runway.heading_deg,
-            aloft=None if aloft is None else (aloft.altitude_amsl_m, aloft.airspeed_mps or cruise_mps),
+            aloft=None
+            if aloft is None
+            else (aloft.altitude_amsl_m, aloft.airspeed_mps or cruise_mps),
             seed=seed,
         )
         place = Place(
@@ -171,7 +178,10 @@ class Flight:
             self.aircraft.powered,
         )  # fmt: skip
         self.profile = Profile(
-            scenario.profile, self.autopilot.gains, place, None if aloft is None else aloft.altitude_amsl_m
+            scenario.profile,
+            self.autopilot.gains,
+            place,
+            None if aloft is None else aloft.altitude_amsl_m,
         )
         self._stall = StallWatch(self.aircraft)
         self.weather = Weather(scenario.weather, self.aircraft)
@@ -190,7 +200,8 @@ class Flight:
     def run(self, progress: Callable[[Progress], None] | None = None) -> Summary:
         """Fly to the end of the profile, or until `stop`. The log is closed whatever happens.
 
-        Raises `SimulationError` when the flight leaves reality or outlasts the scenario's ``limit_s``.
+        Raises `SimulationError` when the flight leaves reality or outlasts the scenario's
+        ``limit_s``.
         """
         started_s = time.perf_counter()
         with contextlib.ExitStack() as stack:
@@ -216,7 +227,9 @@ class Flight:
                     f"still '{self.profile.describe()}'"
                 )
             if self._speed is not None:
-                ahead_s = (self.time_us - flown_us) * 1e-6 / self._speed - (self._clock.now_us() - origin_us) * 1e-6
+                ahead_s = (self.time_us - flown_us) * 1e-6 / self._speed - (
+                    self._clock.now_us() - origin_us
+                ) * 1e-6
                 if ahead_s > 0.0:
                     self._clock.sleep_s(ahead_s)
                 elif ahead_s < -_LATE_S:
@@ -226,7 +239,14 @@ class Flight:
             truth = self.vehicle.state.truth
             if truth is not None:
                 elapsed_s = time.perf_counter() - started_s
-                progress(Progress(self.time_us * 1e-6, truth, self.profile.describe(), self.time_us * 1e-6 / elapsed_s))
+                progress(
+                    Progress(
+                        self.time_us * 1e-6,
+                        truth,
+                        self.profile.describe(),
+                        self.time_us * 1e-6 / elapsed_s,
+                    )
+                )
 
     def tick(self) -> None:
         """Advance by one tick of `sim.TICK_US`."""
@@ -241,7 +261,9 @@ class Flight:
             self._motion()
         if self.time_us % self.barometer.period_us == 0:
             flow = self.aircraft.flow() if self.barometer.feels_flow else None
-            self.vehicle.on_pressure(self.barometer.measure(self.time_us, *self.aircraft.air(), flow))
+            self.vehicle.on_pressure(
+                self.barometer.measure(self.time_us, *self.aircraft.air(), flow)
+            )
         fix = self.gnss.deliver(self.time_us)
         if fix is not None:
             self.vehicle.on_fix(fix)
@@ -304,7 +326,10 @@ class Flight:
             self._stall.check(truth, self.profile.leg, self.profile.describe)
         if isinstance(self.profile.leg, Hold):
             self._check_altitude(truth, target)
-        if target.mode is Mode.PARKED and truth.altitude_amsl_m > self.aircraft.ground_m + _LIFTED_M:
+        if (
+            target.mode is Mode.PARKED
+            and truth.altitude_amsl_m > self.aircraft.ground_m + _LIFTED_M
+        ):
             raise SimulationError(
                 f"at {truth.time_us / 1e6:.2f} s the wind lifted the aircraft off the ground during "
                 f"'{self.profile.describe()}': give it calmer weather"
@@ -325,7 +350,12 @@ class Flight:
         if link is None:
             way = Way(self.scenario.faults, self._seed, self._log_time_us, self._log_packet)
         else:
-            way = Way(self.scenario.faults, self._seed, self._log_time_us, lambda packet: link.send(packet.data))
+            way = Way(
+                self.scenario.faults,
+                self._seed,
+                self._log_time_us,
+                lambda packet: link.send(packet.data),
+            )
         self._ways.append(way)
         return way
 

@@ -1,4 +1,5 @@
-"""A scenario: what is flown, in which weather, with which sensors. YAML holds what differs from the defaults here."""
+"""A scenario: what is flown, in which weather, with which sensors. YAML holds what differs from the
+defaults here."""
 
 import importlib.resources
 from collections.abc import Sequence
@@ -11,15 +12,15 @@ from pydantic import Field, model_validator
 from companion.config import Settings, load
 from companion.errors import SimulationError
 from sim.aircraft import MODELS, Model
-from sim.estimate import EstimateConfig
 from sim.faults import AnyFault
-from sim.flavours import FLAVOURS, FlavourName
-from sim.gains import GAINS
-from sim.ports import check_rates
-from sim.profile import Airspeed, Altitude, Land, Leg, TakeOff
+from sim.pilot.gains import GAINS
+from sim.pilot.profile import Airspeed, Altitude, Land, Leg, TakeOff
 from sim.sensors.barometer import BarometerConfig
 from sim.sensors.gnss import GnssConfig
 from sim.sensors.imu import ImuConfig
+from sim.vehicle.flavours import FLAVOURS, FlavourName
+from sim.vehicle.own_estimate import EstimateConfig
+from sim.vehicle.ports import check_rates
 from sim.weather import WeatherConfig
 
 _REPOSITORY = Path(__file__).parent.parent / "config" / "scenarios"
@@ -77,7 +78,8 @@ class Scenario(Settings):
     aloft: Aloft | None = None
     """for aircraft without an engine, and whoever has no use for a take-off"""
     endless_fuel: bool = False
-    """whether the engines burn nothing; without it, a flight whose tanks are empty ends with an error"""
+    """whether the engines burn nothing; without it, a flight whose tanks are empty ends with an
+    error"""
     profile: Annotated[tuple[Leg, ...], Field(min_length=1)]
     """the legs, in the order in which they are flown"""
     weather: WeatherConfig = WeatherConfig()
@@ -85,7 +87,8 @@ class Scenario(Settings):
     streams_hz: dict[str, Annotated[float, Field(ge=0.0, le=50.0)]] = Field(default_factory=dict)
     """rates by message name, in place of the full set of a log (and, with --all-streams, of a link)"""
     faults: tuple[AnyFault, ...] = ()
-    """what goes wrong between the vehicle and whoever listens, on every link and in the log (see `sim.faults`)"""
+    """what goes wrong between the vehicle and whoever listens, on every link and in the log (see
+    `sim.faults`)"""
 
     @property
     def planned_s(self) -> float:
@@ -104,7 +107,9 @@ class Scenario(Settings):
         if self.aircraft not in MODELS:
             raise ValueError(f"aircraft: no '{self.aircraft}'; give one of {', '.join(MODELS)}")
         check_rates(self.streams_hz, FLAVOURS[self.flavour])
-        check_order([leg.leg for leg in self.profile], MODELS[self.aircraft], aloft=self.aloft is not None)
+        check_order(
+            [leg.leg for leg in self.profile], MODELS[self.aircraft], aloft=self.aloft is not None
+        )
         for before, after in zip(self.profile, (*self.profile[1:], None), strict=True):
             if isinstance(before, Land) and before.touch_and_go and not isinstance(after, TakeOff):
                 raise ValueError("a touch-and-go is followed by a take_off")
@@ -129,7 +134,8 @@ class Scenario(Settings):
 
 
 def check_order(legs: Sequence[str], model: Model, *, aloft: bool) -> None:
-    """That each leg begins where the one before has ended, on the ground or in the air, with an engine if it needs one.
+    """That each leg begins where the one before has ended, on the ground or in the air, with an
+    engine if it needs one.
 
     Raises `ValueError`.
     """
@@ -138,7 +144,9 @@ def check_order(legs: Sequence[str], model: Model, *, aloft: bool) -> None:
             raise ValueError("this aircraft has no engine: give it an altitude to start at (aloft)")
         legs_with_power = [leg for leg in legs if leg in ("take_off", "climb", "hold", "descend")]
         if legs_with_power:
-            raise ValueError(f"this aircraft has no engine for a {legs_with_power[0]}: it can glide and land")
+            raise ValueError(
+                f"this aircraft has no engine for a {legs_with_power[0]}: it can glide and land"
+            )
     for leg in legs:
         if leg in ("wait", "take_off") and aloft:
             raise ValueError(f"a {leg} begins on the ground: after the start or a landing")
@@ -149,14 +157,19 @@ def check_order(legs: Sequence[str], model: Model, *, aloft: bool) -> None:
 
 def scenario_paths() -> dict[str, Path]:
     """The scenarios that come with the simulator: of the checkout, or of the installed package."""
-    folder = _REPOSITORY if _REPOSITORY.is_dir() else Path(str(importlib.resources.files("sim"))) / "scenarios"
+    folder = (
+        _REPOSITORY
+        if _REPOSITORY.is_dir()
+        else Path(str(importlib.resources.files("sim"))) / "scenarios"
+    )
     return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
 
 
 def load_scenario(name_or_path: str | Path) -> Scenario:
     """A scenario by the path of its file or by name.
 
-    Raises `SimulationError` when there is no such scenario, `ConfigError` when its file cannot be used.
+    Raises `SimulationError` when there is no such scenario, `ConfigError` when its file cannot be
+    used.
     """
     path = Path(name_or_path)
     if path.suffix in (".yaml", ".yml"):

@@ -1,4 +1,5 @@
-"""Every key of a scenario file as Markdown, made from the models that read it: `config/scenarios/README.md`."""
+"""Every key of a scenario file as Markdown, made from the models that read it:
+`config/scenarios/README.md`."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, get_args, get_origin
@@ -27,7 +28,10 @@ def page() -> str:
         alternatives = models_in(Scenario.model_fields[key].annotation)
         common = _common(alternatives) if key == "faults" else {}
         if common:
-            sections.append("All of them have these:\n\n" + _table(_row(name, field) for name, field in common.items()))
+            sections.append(
+                "All of them have these:\n\n"
+                + _table(_row(name, field) for name, field in common.items())
+            )
         for model in alternatives:
             own = {name: field for name, field in model.model_fields.items() if name not in common}
             tag = next(iter(kind for name in own if (kind := _tag(name, own[name]))))

@@ -1,8 +1,11 @@
-"""`make bench`: latency, load, memory, start-up and simulator speed, as ratios and figures of one run on this machine.
+"""`make bench`: latency, load, memory, start-up and simulator speed, as ratios and figures of one
+run on this machine.
 
-`python -m tests.bench PART...` measures single parts, such as ``simulator``, ``long_flights`` or ``campaigns``.
+`python -m tests.bench PART...` measures single parts, such as ``simulator``, ``long_flights`` or
+``campaigns``.
 
-Nothing here is asserted: machines are noisy. The figures that the project aims for stand beside the measured ones.
+Nothing here is asserted: machines are noisy. The figures that the project aims for stand beside the
+measured ones.
 """
 
 import cProfile
@@ -25,9 +28,10 @@ from statistics import median
 import numpy as np
 
 from companion.mavlink.codec import Decoder, Encoder, Message, mavlink
-from sim import STEPS_PER_TICK, TICK_US, campaign
+from sim import STEPS_PER_TICK, TICK_US
 from sim.flight import Flight
 from sim.scenario import Scenario, load_scenario
+from sim.studies import campaign
 from tests.long_flights import long_flight
 
 PRESSURE_HZ = 50
@@ -61,10 +65,16 @@ def main() -> None:
 
 
 @contextmanager
-def process(command: list[str], environment: dict[str, str] | None = None) -> Iterator["subprocess.Popen[str]"]:
+def process(
+    command: list[str], environment: dict[str, str] | None = None
+) -> Iterator["subprocess.Popen[str]"]:
     """A child that has said "ready"; ended with SIGINT."""
     child = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=os.environ | (environment or {})
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        env=os.environ | (environment or {}),
     )
     assert child.stdout is not None
     try:
@@ -98,7 +108,21 @@ def pressure(boot_ms: int) -> Message:
 
 def gnss(boot_ms: int) -> Message:
     return mavlink.MAVLink_gps_raw_int_message(
-        boot_ms * 1000, 3, 470000000, 80000000, 500_000 + boot_ms % 900, 100, 150, 0, 0, 10, 0, 1000, 2000, 0, 0
+        boot_ms * 1000,
+        3,
+        470000000,
+        80000000,
+        500_000 + boot_ms % 900,
+        100,
+        150,
+        0,
+        0,
+        10,
+        0,
+        1000,
+        2000,
+        0,
+        0,
     )
 
 
@@ -114,10 +138,13 @@ def imu(boot_ms: int) -> Message:
 
 
 def latency() -> list[Row]:
-    """From the last byte of a SCALED_PRESSURE to our ALTITUDE, against an echo process with frames of the same size."""
+    """From the last byte of a SCALED_PRESSURE to our ALTITUDE, against an echo process with frames
+    of the same size."""
     with tempfile.TemporaryDirectory() as folder:
         config = Path(folder) / "bench.yaml"
-        config.write_text(f"publish: {{altitude_hz: {PRESSURE_HZ}, debug: false}}\nstreams: {{request: false}}\n")
+        config.write_text(
+            f"publish: {{altitude_hz: {PRESSURE_HZ}, debug: false}}\nstreams: {{request: false}}\n"
+        )
         port = free_port()
         with process(companion(port, "--config", str(config))):
             ours_ms = round_trips(port, answer=altitude_in)
@@ -128,13 +155,19 @@ def latency() -> list[Row]:
     return [
         ("SCALED_PRESSURE in to ALTITUDE out, p50", f"{ours[0]:.3f} ms", "0.3 ms"),
         ("the same, p99", f"{ours[1]:.3f} ms", "2 ms"),
-        ("UDP echo process of the same size, p50 / p99 (the floor)", f"{floor[0]:.3f} / {floor[1]:.3f} ms", ""),
+        (
+            "UDP echo process of the same size, p50 / p99 (the floor)",
+            f"{floor[0]:.3f} / {floor[1]:.3f} ms",
+            "",
+        ),
         ("p50 over the floor's", f"{ours[0] / floor[0]:.1f} times", ""),
     ]
 
 
 def altitude_in(data: bytes) -> bool:
-    return any(frame.message_id == mavlink.MAVLINK_MSG_ID_ALTITUDE for frame in Decoder().feed(data))
+    return any(
+        frame.message_id == mavlink.MAVLINK_MSG_ID_ALTITUDE for frame in Decoder().feed(data)
+    )
 
 
 def round_trips(port: int, answer: Callable[[bytes], bool], count: int = 1500) -> list[float]:
@@ -175,7 +208,8 @@ def drain(udp: socket.socket) -> None:
 
 
 def load_and_memory(load_s: int = 15, hour_s: int = 3600) -> list[Row]:
-    """CPU at 400 messages a second in real time; memory after that, after an hour's messages, and after compiling."""
+    """CPU at 400 messages a second in real time; memory after that, after an hour's messages, and
+    after compiling."""
     with tempfile.TemporaryDirectory() as cache:
         port = free_port()
         with process(companion(port), {"KOLLSMAN_CACHE": cache}) as child:
@@ -270,7 +304,9 @@ def start_up() -> list[Row]:
 def warm_up() -> None:
     """Compile the estimators, unless the cache has them."""
     script = Path(sys.executable).with_name("kollsman")
-    subprocess.run([script, "warm-up"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True)
+    subprocess.run(
+        [script, "warm-up"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True
+    )
 
 
 def timed(action: Callable[[], object]) -> float:
@@ -280,7 +316,8 @@ def timed(action: Callable[[], object]) -> float:
 
 
 def simulator() -> list[Row]:
-    """Flights to a log against bare stepping of the same aircraft for as long, by processor time; medians of three.
+    """Flights to a log against bare stepping of the same aircraft for as long, by processor time;
+    medians of three.
 
     Bare is JSBSim with the six properties that an IMU needs, from where the flight begins."""
     calm = load_scenario("calm-circuit")
@@ -302,8 +339,16 @@ def simulator() -> list[Row]:
             faster.append(flight.time_us * 1e-6 / flown_s)
             shares.append(bare_s * (flight.time_us // TICK_US) / flown_s)
         rows += [
-            (f"{flight.time_us / 60e6:.0f}-minute flight, {what}", f"{median(faster):.0f} times real time", aim),
-            ("JSBSim's bare stepping in that", f"{100 * median(shares):.0f} %", "40 %" if aim else ""),
+            (
+                f"{flight.time_us / 60e6:.0f}-minute flight, {what}",
+                f"{median(faster):.0f} times real time",
+                aim,
+            ),
+            (
+                "JSBSim's bare stepping in that",
+                f"{100 * median(shares):.0f} %",
+                "40 %" if aim else "",
+            ),
         ]
     return rows + where_time_goes(calm)
 
@@ -314,14 +359,25 @@ def long_flights() -> list[Row]:
     for what, scenario in (
         ("`hour-long-cruise`, c172p at 2000 m", load_scenario("hour-long-cruise")),
         ("4 h of a 737 at 11 km through a front", long_flight("737", 11_000.0, 4.0)),
-        ("3 h of an F-16 at 6 km through a front, endless fuel", long_flight("f16", 6000.0, 3.0, endless_fuel=True)),
+        (
+            "3 h of an F-16 at 6 km through a front, endless fuel",
+            long_flight("f16", 6000.0, 3.0, endless_fuel=True),
+        ),
     ):
         flight, used_s, _ = flown(scenario)
-        rows.append((what, f"{used_s:.0f} s CPU, {flight.time_us * 1e-6 / used_s:.0f} times real time", "minutes"))
+        rows.append(
+            (
+                what,
+                f"{used_s:.0f} s CPU, {flight.time_us * 1e-6 / used_s:.0f} times real time",
+                "minutes",
+            )
+        )
     return rows
 
 
-def flown(scenario: Scenario, profiler: cProfile.Profile | None = None) -> tuple[Flight, float, float]:
+def flown(
+    scenario: Scenario, profiler: cProfile.Profile | None = None
+) -> tuple[Flight, float, float]:
     """A flight to a log that is thrown away, its processor time and its time by the clock (s)."""
     with tempfile.TemporaryDirectory() as folder:
         flight = Flight(scenario, tlog=Path(folder) / "bench.tlog")
@@ -338,15 +394,16 @@ def cpu_of(action: Callable[[], object]) -> float:
 
 
 PARTS = {
-    "sim/aircraft.py": "JSBSim and its properties", "sim/sensors": "sensors", "sim/autopilot.py": "autopilot, profile",
-    "sim/profile.py": "autopilot, profile", "sim/telemetry.py": "payloads of messages", "sim/ports.py": "rates, frames",
-    "sim/frames.py": "rates, frames", "sim/vehicle.py": "vehicle", "sim/estimate.py": "vehicle",
+    "sim/aircraft.py": "JSBSim and its properties", "sim/sensors": "sensors", "sim/pilot": "autopilot, profile",
+    "sim/vehicle/ardupilot.py": "payloads of messages", "sim/vehicle/ports.py": "rates, frames",
+    "sim/vehicle/frames.py": "rates, frames", "sim/vehicle/vehicle.py": "vehicle", "sim/vehicle/own_estimate.py": "vehicle",  # noqa: E501
     "companion/logs": "log", "sim/flight.py": "the loop", "sim/weather": "weather",
 }  # fmt: skip
 
 
 def where_time_goes(scenario: Scenario) -> list[Row]:
-    """Shares of a flight under the profiler, which makes small functions dearer; builtins count to their callers."""
+    """Shares of a flight under the profiler, which makes small functions dearer; builtins count to
+    their callers."""
     profiler = cProfile.Profile(builtins=False)
     flown(scenario, profiler)
     shares: dict[str, float] = {}
@@ -356,13 +413,15 @@ def where_time_goes(scenario: Scenario) -> list[Row]:
         shares[part] = shares.get(part, 0.0) + entry.inlinetime
     whole = sum(shares.values())
     found = ", ".join(
-        f"{part} {100 * share / whole:.0f} %" for part, share in sorted(shares.items(), key=lambda item: -item[1])
+        f"{part} {100 * share / whole:.0f} %"
+        for part, share in sorted(shares.items(), key=lambda item: -item[1])
     )
     return [("where that flight's time goes, under the profiler", found, "")]
 
 
 def campaigns(flights: int = 8) -> list[Row]:
-    """The same flights by one worker and by two: by the clock, and what a second process costs in processor time."""
+    """The same flights by one worker and by two: by the clock, and what a second process costs in
+    processor time."""
     jobs = campaign.jobs_of(["calm-circuit"], flights, ["vertical-bank", "adaptive-fusion"])
     warm_up()  # or the first to run would compile
     taken: dict[int, tuple[float, float]] = {}
@@ -375,7 +434,10 @@ def campaigns(flights: int = 8) -> list[Row]:
                 campaign.run(jobs, executor, Path(folder))
             wall_s = time.perf_counter() - started_s
             after = resource.getrusage(resource.RUSAGE_CHILDREN)
-            taken[workers] = wall_s, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+            taken[workers] = (
+                wall_s,
+                after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime,
+            )
     (one_s, one_cpu_s), (two_s, two_cpu_s) = taken[1], taken[2]
     return [
         (
@@ -384,8 +446,16 @@ def campaigns(flights: int = 8) -> list[Row]:
             "",
         ),
         ("the same, two workers", f"{two_s:.1f} s, {two_cpu_s:.1f} s CPU", ""),
-        ("speed-up by the clock / were both cores ours", f"{one_s / two_s:.2f} / {2 * one_cpu_s / two_cpu_s:.2f}", "2"),
-        ("load of the machine in the minute before and the last", f"{load:.1f} / {os.getloadavg()[0]:.1f}", ""),
+        (
+            "speed-up by the clock / were both cores ours",
+            f"{one_s / two_s:.2f} / {2 * one_cpu_s / two_cpu_s:.2f}",
+            "2",
+        ),
+        (
+            "load of the machine in the minute before and the last",
+            f"{load:.1f} / {os.getloadavg()[0]:.1f}",
+            "",
+        ),
     ]
 
 
@@ -402,7 +472,9 @@ def estimators() -> list[Row]:
     for name, method in ESTIMATORS.items():
         run_log(method, log)
         best_s = min(timed(partial(run_log, method, log)) for _ in range(5))
-        rows.append((f"`{name}`, a sample in the compiled loop", f"{1e6 * best_s / len(log):.2f} us", ""))
+        rows.append(
+            (f"`{name}`, a sample in the compiled loop", f"{1e6 * best_s / len(log):.2f} us", "")
+        )
     return rows
 
 

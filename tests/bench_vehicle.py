@@ -24,10 +24,20 @@ class Client:
     def send(self, message: Any) -> None:
         assert self.link.send(self._encoder.encode(message))
 
-    def command(self, command: int, *parameters: float, target: tuple[int, int] = (1, 1), as_int: bool = False) -> None:
+    def command(
+        self,
+        command: int,
+        *parameters: float,
+        target: tuple[int, int] = (1, 1),
+        as_int: bool = False,
+    ) -> None:
         values = [*parameters, *[0.0] * (7 - len(parameters))]
         if as_int:
-            self.send(mavlink.MAVLink_command_int_message(*target, 0, command, 0, 0, *values[:4], 0, 0, 0.0))
+            self.send(
+                mavlink.MAVLink_command_int_message(
+                    *target, 0, command, 0, 0, *values[:4], 0, 0, 0.0
+                )
+            )
         else:
             self.send(mavlink.MAVLink_command_long_message(*target, command, 0, *values))
 
@@ -46,7 +56,9 @@ class Bench:
         ends = [pair(clock) for _ in range(clients)]
         self.clients = [Client(far) for _, far in ends]
         scenario = validate(STANDING | options.pop("scenario", {}), Scenario, "a test")
-        self.flight = Flight(scenario, links=[near for near, _ in ends], tlog=tlog, clock=clock, **options)
+        self.flight = Flight(
+            scenario, links=[near for near, _ in ends], tlog=tlog, clock=clock, **options
+        )
 
     @property
     def client(self) -> Client:

@@ -1,8 +1,10 @@
-"""A synthetic flight with known truth, as tables of samples that a test may damage before it makes a log of them.
+"""A synthetic flight with known truth, as tables of samples that a test may damage before it makes
+a log of them.
 
-A vehicle flies north-east at 30 m/s: it waits, climbs, holds, descends. Attitude and specific force belong to that
-motion, so an inertial estimator can follow it. The air is standard but for a sea-level pressure 6 hPa low, and the
-receiver wanders as real ones do; its heights arrive late. Same arguments, same bytes.
+A vehicle flies north-east at 30 m/s: it waits, climbs, holds, descends. Attitude and specific force
+belong to that motion, so an inertial estimator can follow it. The air is standard but for a
+sea-level pressure 6 hPa low, and the receiver wanders as real ones do; its heights arrive late.
+Same arguments, same bytes.
 """
 
 import math
@@ -58,7 +60,9 @@ def climb_rate_mps2(time_s: Array) -> Array:
 def standard_pressure_pa(altitude_m: Array, sea_level_pa: float) -> Array:
     """The troposphere by its own formula, in geopotential height: not the code under test."""
     geopotential_m = 6356766.0 * altitude_m / (6356766.0 + altitude_m)
-    return sea_level_pa * np.power(1.0 - 0.0065 * geopotential_m / 288.15, 9.80665 / (287.05287 * 0.0065))
+    return sea_level_pa * np.power(
+        1.0 - 0.0065 * geopotential_m / 288.15, 9.80665 / (287.05287 * 0.0065)
+    )
 
 
 @dataclass(frozen=True)
@@ -84,7 +88,8 @@ class Plan:
 
 @dataclass
 class Flight:
-    """Tables by kind, sorted by time, with their arrivals; faults change them in place and return the flight."""
+    """Tables by kind, sorted by time, with their arrivals; faults change them in place and return
+    the flight."""
 
     plan: Plan
     tables: dict[Kind, Rows] = field(default_factory=dict)
@@ -115,7 +120,12 @@ class Flight:
         return self
 
     def change(
-        self, kind: Kind, name: str, how: Callable[[Any], Any], start_s: float = 0.0, end_s: float = math.inf
+        self,
+        kind: Kind,
+        name: str,
+        how: Callable[[Any], Any],
+        start_s: float = 0.0,
+        end_s: float = math.inf,
     ) -> "Flight":
         """With a field replaced by `how(field)` in an interval."""
         chosen = self.within(kind, start_s, end_s)
@@ -132,7 +142,9 @@ class Flight:
         """Everything in order of arrival."""
         log = SampleLog()
         arrivals = np.concatenate([table["arrival_us"] for table in self.tables.values()])
-        kinds = np.concatenate([np.full(table.size, int(kind)) for kind, table in self.tables.items()])
+        kinds = np.concatenate(
+            [np.full(table.size, int(kind)) for kind, table in self.tables.items()]
+        )
         numbers = np.concatenate([np.arange(table.size) for table in self.tables.values()])
         readables = {int(kind): readable(table) for kind, table in self.tables.items()}
         for i in np.lexsort((kinds, arrivals)):
@@ -159,7 +171,9 @@ def flight(plan: Plan | None = None, **changes: Any) -> Flight:
 def _table(made: Flight, kind: Kind, rate_hz: float, phase_s: float, age_s: float) -> Array:
     """An empty table of `kind`, and the seconds of its rows."""
     count = int(made.plan.duration_s * rate_hz) if rate_hz > 0 else 0
-    elapsed_us = np.round((np.arange(count) / rate_hz if count else np.zeros(0)) * 1e6 + phase_s * 1e6).astype(np.int64)
+    elapsed_us = np.round(
+        (np.arange(count) / rate_hz if count else np.zeros(0)) * 1e6 + phase_s * 1e6
+    ).astype(np.int64)
     table = np.zeros(count, DTYPES[kind])
     for name, (dtype, *_) in (DTYPES[kind].fields or {}).items():
         if dtype.base.kind == "f":
@@ -178,7 +192,9 @@ def _imu(made: Flight, random: np.random.Generator) -> None:
     plan = made.plan
     elapsed_s = _table(made, Kind.IMU, plan.imu_hz, 0.001, 0.002)
     pitch, upward = _pitch_rad(elapsed_s), GRAVITY_MPS2 + climb_rate_mps2(elapsed_s)
-    force = np.stack([np.sin(pitch) * upward, np.zeros_like(pitch), -np.cos(pitch) * upward], axis=1)
+    force = np.stack(
+        [np.sin(pitch) * upward, np.zeros_like(pitch), -np.cos(pitch) * upward], axis=1
+    )
     rate = np.zeros_like(force)
     rate[:, 1] = climb_rate_mps2(elapsed_s) * SPEED_MPS / (SPEED_MPS**2 + climb_mps(elapsed_s) ** 2)
     table = made.tables[Kind.IMU]
@@ -203,10 +219,14 @@ def _gnss(made: Flight, random: np.random.Generator) -> None:
     climb = climb_mps(elapsed_s)
     along_m = SPEED_MPS * elapsed_s
     table["latitude_deg"] = 45.0 + along_m * math.cos(HEADING_RAD) / METRES_PER_DEGREE
-    table["longitude_deg"] = 8.0 + along_m * math.sin(HEADING_RAD) / (METRES_PER_DEGREE * math.cos(math.pi / 4))
+    table["longitude_deg"] = 8.0 + along_m * math.sin(HEADING_RAD) / (
+        METRES_PER_DEGREE * math.cos(math.pi / 4)
+    )
     wander_m = 1.0 * np.sin(elapsed_s / 40.0)
     table["altitude_amsl_m"] = (
-        made.truth_m(table["time_us"]) + wander_m + random.normal(0.0, 0.6 * plan.gnss_sd_m, climb.size)
+        made.truth_m(table["time_us"])
+        + wander_m
+        + random.normal(0.0, 0.6 * plan.gnss_sd_m, climb.size)
     )
     table["altitude_ellipsoid_m"] = table["altitude_amsl_m"] + 47.0
     table["ground_speed_mps"] = SPEED_MPS + random.normal(0.0, 0.05, climb.size)

@@ -1,4 +1,5 @@
-"""The rules of the house, held by machine: who may import whom, who may print, who may compile, how long a file is."""
+"""The rules of the house, held by machine: who may import whom, who may print, who may compile, how
+long a file is."""
 
 import ast
 import tokenize
@@ -9,11 +10,12 @@ from pathlib import Path
 import pytest
 from importlinter.cli import lint_imports
 
-ROOT = Path(__file__).resolve().parents[1]
+from tests.paths import ROOT
+
 FILES = sorted(path for folder in ("companion", "sim") for path in (ROOT / folder).rglob("*.py"))
 COMPILES = "from companion.jit import step"
-LONGEST = 350
-A_WHOLE_PAPER = 550
+LONGEST = 450
+A_WHOLE_PAPER = 650
 """An estimator is one published system in one file, so that its equations stand together."""
 
 
@@ -33,7 +35,9 @@ def imports_of(tree: ast.AST) -> dict[str, str]:
         if isinstance(node, ast.Import):
             found |= {alias.asname or alias.name.split(".")[0]: alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            found |= {alias.asname or alias.name: f"{node.module}.{alias.name}" for alias in node.names}
+            found |= {
+                alias.asname or alias.name: f"{node.module}.{alias.name}" for alias in node.names
+            }
     return found
 
 
@@ -41,9 +45,20 @@ def lines_of_code(path: Path) -> int:
     """Lines with something other than comments and docstrings on them."""
     documented: set[int] = set()
     for node in ast.walk(tree_of(path)):
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+        if (
+            isinstance(node, ast.Expr)
+            and isinstance(node.value, ast.Constant)
+            and isinstance(node.value.value, str)
+        ):
             documented |= set(range(node.lineno, (node.end_lineno or node.lineno) + 1))
-    silent = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENCODING}
+    silent = {
+        tokenize.COMMENT,
+        tokenize.NL,
+        tokenize.NEWLINE,
+        tokenize.INDENT,
+        tokenize.DEDENT,
+        tokenize.ENCODING,
+    }
     tokens = tokenize.tokenize(BytesIO(path.read_bytes()).readline)
     busy = {token.start[0] for token in tokens if token.type not in silent | {tokenize.ENDMARKER}}
     return len(busy - documented)
@@ -61,7 +76,11 @@ def packages_of(path: Path) -> set[str]:
 
 @pytest.mark.parametrize(
     ("package", "user"),
-    [("numba", "companion/jit.py"), ("llvmlite", "companion/jit.py"), ("jsbsim", "sim/aircraft.py")],
+    [
+        ("numba", "companion/jit.py"),
+        ("llvmlite", "companion/jit.py"),
+        ("jsbsim", "sim/aircraft.py"),
+    ],
 )
 def test_a_heavy_package_has_one_user(package: str, user: str) -> None:
     assert {name_of(path) for path in FILES if package in packages_of(path)} == {user}
@@ -77,7 +96,11 @@ def test_only_the_command_line_prints() -> None:
 @pytest.mark.parametrize("path", FILES, ids=name_of)
 def test_every_file_says_what_it_is_for_and_is_no_longer_than_needed(path: Path) -> None:
     assert ast.get_docstring(tree_of(path)), "no docstring"
-    is_paper = path.parent.name in ("estimators", "papers")
+    is_paper = (
+        path.parent.name == "papers"
+        or path.parent.parent.name == "estimators"
+        or path.parent.name == "estimators"
+    )
     assert lines_of_code(path) <= (A_WHOLE_PAPER if is_paper else LONGEST)
 
 
@@ -89,13 +112,26 @@ def test_compiled_code_has_explicit_loops() -> None:
             for node in ast.walk(step):
                 assert not isinstance(node, ast.MatMult), where
                 if isinstance(node, ast.Attribute):
-                    assert node.attr not in {"linalg", "dot", "sum", "matmul", "einsum", "mean", "var", "std"}, where
+                    assert node.attr not in {
+                        "linalg",
+                        "dot",
+                        "sum",
+                        "matmul",
+                        "einsum",
+                        "mean",
+                        "var",
+                        "std",
+                    }, where
 
 
 def test_compiled_code_depends_only_on_what_its_cache_is_named_after() -> None:
-    """The cache is named after the files that compile and ``samples.py``: what a step uses must come from these."""
+    """The cache is named after the files that compile and ``samples.py``: what a step uses must
+    come from these."""
     compiled = {path for path in FILES if COMPILES in path.read_text(encoding="utf-8")}
-    hashed = {name_of(path)[:-3].replace("/", ".") for path in compiled} | {"companion.samples", "companion.jit"}
+    hashed = {name_of(path)[:-3].replace("/", ".") for path in compiled} | {
+        "companion.samples",
+        "companion.jit",
+    }
     for path in compiled:
         if name_of(path).startswith("sim/"):
             continue  # Numba itself watches the file, and what it uses of the companion is in the name
@@ -107,7 +143,9 @@ def test_compiled_code_depends_only_on_what_its_cache_is_named_after() -> None:
                 source = imported.get(name, "")
                 if source.startswith("companion."):
                     module = source.rsplit(".", 1)[0]
-                    assert module in hashed or source in hashed, f"{path.name}: {step.name} uses {source}"
+                    assert module in hashed or source in hashed, (
+                        f"{path.name}: {step.name} uses {source}"
+                    )
 
 
 def test_whoever_compiles_says_so_in_the_line_that_the_cache_looks_for() -> None:
@@ -121,7 +159,10 @@ def _steps(tree: ast.Module) -> list[ast.FunctionDef]:
         node
         for node in ast.walk(tree)
         if isinstance(node, ast.FunctionDef)
-        and any(isinstance(decorator, ast.Name) and decorator.id == "step" for decorator in node.decorator_list)
+        and any(
+            isinstance(decorator, ast.Name) and decorator.id == "step"
+            for decorator in node.decorator_list
+        )
     ]
 
 
@@ -132,7 +173,11 @@ def _constants(tree: ast.Module) -> dict[str, set[str]]:
         if not isinstance(node, (ast.Assign, ast.AnnAssign)):
             continue
         targets, value = node.targets if isinstance(node, ast.Assign) else [node.target], node.value
-        names = {inner.id for inner in ast.walk(value) if isinstance(inner, ast.Name)} if value else set()
+        names = (
+            {inner.id for inner in ast.walk(value) if isinstance(inner, ast.Name)}
+            if value
+            else set()
+        )
         for target in targets:
             found |= {inner.id: names for inner in ast.walk(target) if isinstance(inner, ast.Name)}
     return found

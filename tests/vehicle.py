@@ -1,7 +1,9 @@
-"""A vehicle as its bytes: real MAVLink made by pymavlink, second by second, and what the companion makes of it.
+"""A vehicle as its bytes: real MAVLink made by pymavlink, second by second, and what the companion
+makes of it.
 
-`Vehicle` packs messages with its own ids, version and signature; `standing` is a healthy vehicle at rest, whose values
-a test replaces; `replay` writes the packets as a tlog and runs it as ``kollsman replay`` would.
+`Vehicle` packs messages with its own ids, version and signature; `standing` is a healthy vehicle at
+rest, whose values a test replaces; `replay` writes the packets as a tlog and runs it as ``kollsman
+replay`` would.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -29,7 +31,13 @@ class Vehicle:
     """Packs messages as one MAVLink component."""
 
     def __init__(
-        self, system_id: int = 1, component_id: int = 1, *, version: int = 2, key: bytes | None = None, link_id: int = 0
+        self,
+        system_id: int = 1,
+        component_id: int = 1,
+        *,
+        version: int = 2,
+        key: bytes | None = None,
+        link_id: int = 0,
     ) -> None:
         self.version = version
         self._mav = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=component_id)
@@ -97,9 +105,25 @@ def raw_imu(boot_s: float, **fields: Any) -> Message:
 
 
 def highres_imu(boot_s: float, **fields: Any) -> Message:
-    names = ("xacc", "yacc", "xgyro", "ygyro", "zgyro", "xmag", "ymag", "zmag", "diff_pressure", "pressure_alt")
+    names = (
+        "xacc",
+        "yacc",
+        "xgyro",
+        "ygyro",
+        "zgyro",
+        "xmag",
+        "ymag",
+        "zmag",
+        "diff_pressure",
+        "pressure_alt",
+    )
     values = {"time_usec": round(boot_s * 1e6)} | dict.fromkeys(names, 0.0)
-    values |= {"zacc": -9.81, "abs_pressure": hectopascals(ALTITUDE_M), "temperature": 30.0, "fields_updated": 0xFFFF}
+    values |= {
+        "zacc": -9.81,
+        "abs_pressure": hectopascals(ALTITUDE_M),
+        "temperature": 30.0,
+        "fields_updated": 0xFFFF,
+    }
     return mavlink.MAVLink_highres_imu_message(**values | fields)
 
 
@@ -129,7 +153,11 @@ def system_time(boot_s: float, unix_us: int = 0) -> Message:
 
 
 def home(altitude_m: float, **fields: Any) -> Message:
-    values: dict[str, Any] = {"latitude": 470_000_000, "longitude": 80_000_000, "altitude": round(altitude_m * 1e3)}
+    values: dict[str, Any] = {
+        "latitude": 470_000_000,
+        "longitude": 80_000_000,
+        "altitude": round(altitude_m * 1e3),
+    }
     values |= dict.fromkeys(("x", "y", "z", "approach_x", "approach_y", "approach_z"), 0.0) | {
         "q": [1.0, 0.0, 0.0, 0.0]
     }
@@ -158,8 +186,8 @@ def standing(
 ) -> list[Packet]:
     """Packets of a vehicle between two boot times, in order.
 
-    `streams` replace or add to `HEALTHY`: a maker keeps the healthy rate, None silences. `host_us` is the host's clock
-    at boot time 0.
+    `streams` replace or add to `HEALTHY`: a maker keeps the healthy rate, None silences. `host_us`
+    is the host's clock at boot time 0.
     """
     vehicle = vehicle if vehicle is not None else Vehicle()
     chosen: dict[str, tuple[float, Maker]] = dict(HEALTHY)
@@ -183,7 +211,9 @@ def standing(
 
 def merged(*streams: Iterable[Packet]) -> list[Packet]:
     """Packets of several senders in order of arrival."""
-    return sorted((packet for stream in streams for packet in stream), key=lambda packet: packet.time_us)
+    return sorted(
+        (packet for stream in streams for packet in stream), key=lambda packet: packet.time_us
+    )
 
 
 @dataclass

@@ -1,17 +1,17 @@
-"""The estimators: `ESTIMATORS` is the table that the command line, the tests and the benchmark read.
+"""The estimators: `ESTIMATORS` is the table that the command line, the tests and the benchmark
+read.
 
-Adding one is a module with a `Method` at its end, and a line here.
+Adding one is a module or package with a `Method`, and a line here.
 """
 
 from companion.estimators import (
     adaptive_fusion,
     air_data_gnss,
     baro_gnss_ins,
-    baro_ins_kf,
-    damping_loop,
     robust_altimeter,
     vertical_bank,
 )
+from companion.estimators.baro_inertial import BARO_INS_KF, DAMPING_LOOP
 from companion.estimators.method import Filter, Method, run_log
 
 ESTIMATORS: dict[str, Method] = {
@@ -21,10 +21,12 @@ ESTIMATORS: dict[str, Method] = {
         air_data_gnss.METHOD,
         robust_altimeter.METHOD,
         baro_gnss_ins.METHOD,
-        damping_loop.METHOD,
-        baro_ins_kf.METHOD,
+        DAMPING_LOOP,
+        BARO_INS_KF,
         vertical_bank.METHOD,
     )
 }
 
-__all__ = ["ESTIMATORS", "Filter", "Method", "run_log"]
+DEFAULT_ESTIMATOR = vertical_bank.METHOD.name
+
+__all__ = ["DEFAULT_ESTIMATOR", "ESTIMATORS", "Filter", "Method", "run_log"]

@@ -1,7 +1,7 @@
 """Adaptive baro/GPS data fusion.
 
-C. Hajiyev, U. Hacizade, D. Cilden-Guler, "Integration of Barometric and GPS Altimeters via Adaptive Data Fusion
-Algorithm", 2019. The paper's letters:
+C. Hajiyev, U. Hacizade, D. Cilden-Guler, "Integration of Barometric and GPS Altimeters via Adaptive
+Data Fusion Algorithm", 2019. The paper's letters:
 
 ==============  =========================  =============================================================
 h^B             ``baro``                   altitude of the standard atmosphere at the measured pressure (1)
@@ -13,31 +13,34 @@ K               ``K``                      gain (16), (27)
 P               ``P``                      R_GPS K (17): the paper's figure, not an error variance
 ==============  =========================  =============================================================
 
-The fixed filter is maximum-likelihood weighting, h = h^B + K Delta with K = R_B / (R_B + R_GPS) (15)-(16). The adaptive
-one replaces R_B by S R_B whenever Delta^2 >= R_GPS + R_B (28), with S from (30), so that a barometer that no longer
-agrees with GNSS loses its weight. It needs no IMU and has no memory beyond the last correction K Delta.
-With ``gnss_variance_m2: 169`` it is the paper's filter, with ``gain: fixed`` its non-adaptive one.
+The fixed filter is maximum-likelihood weighting, h = h^B + K Delta with K = R_B / (R_B + R_GPS)
+(15)-(16). The adaptive one replaces R_B by S R_B whenever Delta^2 >= R_GPS + R_B (28), with S from
+(30), so that a barometer that no longer agrees with GNSS loses its weight. It needs no IMU and has
+no memory beyond the last correction K Delta. With ``gnss_variance_m2: 169`` it is the paper's
+filter, with ``gain: fixed`` its non-adaptive one.
 
 Errata
 ------
 S is held at 1 where (28) does not fire: (31) as printed lets S become negative (59 % of the time with the paper's
 variances and no fault), with a pole of the estimate at Delta = 0. K rises with S (the text says it falls). For
-R_B << R_GPS, P tends to R_B (below (25): to 0). `sim.papers.adaptive_fusion` has the errata of the simulation.
+R_B << R_GPS, P tends to R_B (below (25): to 0). `sim.studies.papers.adaptive_fusion` has the errata of the simulation.
 
 Departures
 ----------
-- The paper has one GPS height with each barometer height. Here the correction K Delta of the last fix is held
-  between fixes and added to every new barometer height; Delta is formed with the barometer height at the fix's own
-  time, interpolated, since a fix arrives late.
-- Geometric height of the full standard atmosphere instead of (1), which is its troposphere in geopotential metres.
-- ``gnss_variance_m2``: the paper's constant 169 m2, or the variance that the receiver claims (default).
-- The estimate's ``altitude_sd_m`` is not sqrt(P). When (28) fires, the estimate is exactly h^GPS - R_GPS / Delta, with
-  mean square error about R_GPS + 3 R_GPS^2 / Delta^2: above plain GPS, never below it as P claims. When it does not
-  fire the error is that of (13) plus the unexplained part of (1-K) Delta. It grows while there is no fix, at the rate
-  that weather can move the pressure level.
+- The paper has one GPS height with each barometer height. Here the correction K Delta of the last
+  fix is held between fixes and added to every new barometer height; Delta is formed with the
+  barometer height at the fix's own time, interpolated, since a fix arrives late.
+- Geometric height of the full standard atmosphere instead of (1), which is its troposphere in
+  geopotential metres.
+- ``gnss_variance_m2``: the paper's constant 169 m2, or the variance that the receiver claims
+  (default).
+- The estimate's ``altitude_sd_m`` is not sqrt(P). When (28) fires, the estimate is exactly h^GPS -
+  R_GPS / Delta, with mean square error about R_GPS + 3 R_GPS^2 / Delta^2: above plain GPS, never
+  below it as P claims. When it does not fire the error is that of (13) plus the unexplained part of
+  (1-K) Delta. It grows while there is no fix, at the rate that weather can move the pressure level.
 - Climb is the slope of the barometer height, smoothed over one second; the paper has none.
-- A fix without a barometer height within two seconds of it is taken as it is: GNSS height alone, the limit
-  R_B -> infinity. The last correction is kept for a barometer that comes back.
+- A fix without a barometer height within two seconds of it is taken as it is: GNSS height alone,
+  the limit R_B -> infinity. The last correction is kept for a barometer that comes back.
 
 Breaks when
 -----------
@@ -53,17 +56,14 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from companion.atmosphere import baro_altitude_m
 from companion.config import Settings
-from companion.estimators.method import (
+from companion.estimators.judging import (
     GNSS,
     IGNORED,
     PRESSURE,
     STATUS,
     USED,
-    Method,
     forget,
-    gnss_sd_m,
     judge_gnss,
     judge_pressure,
     place,
@@ -71,8 +71,11 @@ from companion.estimators.method import (
     state_dtype,
     tally,
 )
+from companion.estimators.method import Method
 from companion.jit import step
-from companion.ring import at, clear, push, ring_fields
+from companion.kernels.atmosphere import baro_altitude_m
+from companion.kernels.gnss import gnss_sd_m
+from companion.kernels.ring import at, clear, push, ring_fields
 from companion.samples import Kind, Rows, Tables, readable, rows
 
 LOWEST_PA, HIGHEST_PA = 1_000.0, 120_000.0
@@ -194,7 +197,9 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     else:
         slope = (baro - s.baro_m) / elapsed_s
         weight = elapsed_s / (elapsed_s + CLIMB_TIME_CONSTANT_S)
-        s.climb_mps = slope if math.isnan(s.climb_mps) else s.climb_mps + weight * (slope - s.climb_mps)
+        s.climb_mps = (
+            slope if math.isnan(s.climb_mps) else s.climb_mps + weight * (slope - s.climb_mps)
+        )
     s.baro_m = baro
     place(state, PRESSURE, 0, sample[0].time_us)
     push(s.baro_us, s.baro_values, sample[0].time_us, baro)

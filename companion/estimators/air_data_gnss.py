@@ -1,7 +1,7 @@
 """Barometer compensated for bias and scale factor from GNSS height and air temperature.
 
-I-H. Whang, W-S. Ra, "Simple Altitude Estimator using Air-Data and GPS Measurements", IFAC World Congress 2008. The
-paper's letters:
+I-H. Whang, W-S. Ra, "Simple Altitude Estimator using Air-Data and GPS Measurements", IFAC World
+Congress 2008. The paper's letters:
 
 ==================  =========================  ========================================================================
 h^B                 ``baro``                   height of the standard atmosphere at the measured pressure (1)
@@ -16,10 +16,12 @@ Gamma               ``L0_KPM``                 lapse rate of the standard atmosp
 H_0, T_0            ``H_0``, ``T_0``           reference height, and the standard temperature there
 ==================  =========================  ========================================================================
 
-A cycle is one barometer sample: predict height and climb (33), add Q^a and Q^b (17), (18), lambda-update (20)-(22) with
-the predicted height, z-update (25)-(31) when a fix has come, compensate (32), correct height and climb. The paper's
-Gaussian-approximation z-update is that of a Kalman filter for [a, b] whose correlation is dropped afterwards (shown in
-tests/oracles/test_air_data_gnss.py), so one `kalman.correct` serves both the paper's filter and the joint one.
+A cycle is one barometer sample: predict height and climb (33), add Q^a and Q^b (17), (18),
+lambda-update (20)-(22) with the predicted height, z-update (25)-(31) when a fix has come,
+compensate (32), correct height and climb. The paper's Gaussian-approximation z-update is that of a
+Kalman filter for [a, b] whose correlation is dropped afterwards (shown in
+tests/oracles/test_air_data_gnss.py), so one `kalman.correct` serves both the paper's filter and the
+joint one.
 
 Errata
 ------
@@ -29,20 +31,25 @@ is the predicted height above H_0, not h^GPS. 1 + a is held at .5 or above.
 
 Departures
 ----------
-- H_0 and T_0 are not latched at launch, since no first fix can be trusted: they are those of the standard atmosphere,
-  and h^B is its full column in geometric metres. For a constant lapse rate its error is exactly affine in height.
-- Q^a, Q^b, Q^h grow with time, so that every sample rate means the same; the paper's are for steps of 0.2 s.
-- A fix meets the barometer height of its own time; one that is newer than the barometer waits for the next sample.
-- A temperature is trusted when it is a sample of AIR. That of SCALED_PRESSURE is the sensor die's, 10-30 K above the
-  air, and unused by default; ``temperature: die`` subtracts ``die_offset_k``, with a spread to match.
-- Preset ``tuned``: slow walks (b by 3 m in 200 s), the joint covariance, lambda = T_0/T_0' - 1 without linearising,
-  temperatures that are news only once a minute (the lapse rate's error changes no sooner), and the height moves with a
-  new correction instead of filtering it, since a new b is no climb. Innovations beyond 3 sigma (barometer: 5) lose
-  weight. When they last (10 s; barometer: 1/4 s) the barometer has jumped, or a and b are wrong, and are learned anew.
+- H_0 and T_0 are not latched at launch, since no first fix can be trusted: they are those of the
+  standard atmosphere, and h^B is its full column in geometric metres. For a constant lapse rate its
+  error is exactly affine in height.
+- Q^a, Q^b, Q^h grow with time, so that every sample rate means the same; the paper's are for steps
+  of 0.2 s.
+- A fix meets the barometer height of its own time; one that is newer than the barometer waits for
+  the next sample.
+- A temperature is trusted when it is a sample of AIR. That of SCALED_PRESSURE is the sensor die's,
+  10-30 K above the air, and unused by default; ``temperature: die`` subtracts ``die_offset_k``,
+  with a spread to match.
+- Preset ``tuned``: slow walks (b by 3 m in 200 s), the joint covariance, lambda = T_0/T_0' - 1
+  without linearising, temperatures that are news only once a minute (the lapse rate's error changes
+  no sooner), and the height moves with a new correction instead of filtering it, since a new b is
+  no climb. Innovations beyond 3 sigma (barometer: 5) lose weight. When they last (10 s; barometer:
+  1/4 s) the barometer has jumped, or a and b are wrong, and are learned anew.
 - Without a barometer for three seconds the alpha-beta filter follows GNSS heights.
-- ``altitude_sd_m`` is not the paper's P, whose Q^b means 45 m a second. It is the covariance of the correction after
-  the last fix, grown as weather moves it, plus the barometer's noise and the half of the GNSS variance that is
-  correlated over minutes and does not average out.
+- ``altitude_sd_m`` is not the paper's P, whose Q^b means 45 m a second. It is the covariance of the
+  correction after the last fix, grown as weather moves it, plus the barometer's noise and the half
+  of the GNSS variance that is correlated over minutes and does not average out.
 
 It uses no IMU.
 
@@ -59,9 +66,8 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from companion.atmosphere import L0_KPM, T0_K, baro_altitude_m
 from companion.config import Settings
-from companion.estimators.method import (
+from companion.estimators.judging import (
     AIR,
     GATED,
     GNSS,
@@ -73,9 +79,7 @@ from companion.estimators.method import (
     STALE,
     STATUS,
     USED,
-    Method,
     forget,
-    gnss_sd_m,
     is_stale,
     judge_gnss,
     judge_pressure,
@@ -84,9 +88,12 @@ from companion.estimators.method import (
     state_dtype,
     tally,
 )
+from companion.estimators.method import Method
 from companion.jit import step
-from companion.kalman import Array, correct, inflated, spread
-from companion.ring import at, clear, push, ring_fields
+from companion.kernels.atmosphere import L0_KPM, T0_K, baro_altitude_m
+from companion.kernels.gnss import gnss_sd_m
+from companion.kernels.kalman import Array, correct, inflated, spread
+from companion.kernels.ring import at, clear, push, ring_fields
 from companion.samples import Kind, Rows, Tables, readable, rows
 
 LOWEST_PA, HIGHEST_PA = 1_000.0, 120_000.0
@@ -186,20 +193,24 @@ PAPER: dict[str, Any] = {
 
 
 class AirDataGnssSettings(Settings):
-    """Section ``estimators.air-data-gnss``. The defaults are the preset ``tuned``; a key that is given overrides it."""
+    """Section ``estimators.air-data-gnss``. The defaults are the preset ``tuned``; a key that is
+    given overrides it."""
 
     preset: Literal["tuned", "paper"] = "tuned"
     """defaults of the other keys: physical ones, or those of the paper's simulation"""
     temperature: Literal["air", "die", "none"] = "air"
-    """air: only a thermometer in the air is trusted; die: else the barometer's own, which is 10-30 K too warm"""
+    """air: only a thermometer in the air is trusted; die: else the barometer's own, which is 10-30
+    K too warm"""
     temperature_law: Literal["exact", "linear", "printed"] = "exact"
     """scale factor of a temperature: T0/T - 1, its linear part, or that with the paper's wrong sign"""
     regressor: Literal["predicted", "gnss"] = "predicted"
-    """height with which GNSS tells bias from scale factor: the filter's own, or GNSS height as the paper prints"""
+    """height with which GNSS tells bias from scale factor: the filter's own, or GNSS height as the
+    paper prints"""
     covariance: Literal["joint", "marginal"] = "joint"
     """marginal: bias and scale factor taken as independent after each fix, as in the paper"""
     correction: Literal["carried", "filtered"] = "carried"
-    """filtered: a new correction passes the height filter as if it were a measurement, as in the paper"""
+    """filtered: a new correction passes the height filter as if it were a measurement, as in the
+    paper"""
     outliers: Literal["damped", "kept"] = "damped"
     """whether measurements far from the prediction lose weight"""
     reference_height_m: float = Field(0.0, ge=-500, le=9000)
@@ -254,12 +265,19 @@ class AirDataGnssSettings(Settings):
         row["baro_gate"] = BARO_GATE if damped else math.inf
         row["H_0"] = self.reference_height_m
         row["T_0"] = T0_K + L0_KPM * self.reference_height_m
-        row["Q_a"], row["Q_b"], row["Q_h"] = self.scale_walk_per_second, self.bias_walk_m2ps, self.climb_walk_m2ps3
+        row["Q_a"], row["Q_b"], row["Q_h"] = (
+            self.scale_walk_per_second,
+            self.bias_walk_m2ps,
+            self.climb_walk_m2ps3,
+        )
         row["tau"] = self.climb_time_s
         row["P_a0"], row["P_b0"] = self.scale_sd**2, self.bias_sd_m**2
         row["R_B"] = self.baro_variance_m2
         row["R_GPS"] = math.nan if claimed else self.gnss_variance_m2
-        row["gnss_sd_floor_m"], row["gnss_sd_unknown_m"] = self.gnss_sd_floor_m, self.gnss_sd_unknown_m
+        row["gnss_sd_floor_m"], row["gnss_sd_unknown_m"] = (
+            self.gnss_sd_floor_m,
+            self.gnss_sd_unknown_m,
+        )
         row["R_T"], row["temperature_time_s"] = self.temperature_sd_k**2, self.temperature_time_s
         row["die_offset_k"], row["R_die"] = self.die_offset_k, self.die_sd_k**2
         return row
@@ -283,7 +301,14 @@ def start(state: Rows, params: Rows) -> None:
     diagonal(s.P_settled, p.P_a0, p.P_b0)
     s.motion[0], s.motion[1] = math.nan, math.nan
     diagonal(s.P_motion, P_H0_M2, P_V0_M2PS2)
-    s.error_us, s.settled_us, s.motion_us, s.lambda_us, s.fix_us, s.since_us = -1, -1, -1, -1, -1, -1
+    s.error_us, s.settled_us, s.motion_us, s.lambda_us, s.fix_us, s.since_us = (
+        -1,
+        -1,
+        -1,
+        -1,
+        -1,
+        -1,
+    )
     s.gnss_alone = 0
     s.H[0], s.H[1] = 0.0, 0.0
     s.K[0], s.K[1] = 0.0, 0.0
@@ -308,7 +333,8 @@ def compensate(baro: float, a: float, b: float, H_0: float) -> float:
 
 @step
 def scale_of_temperature(law: int, T: float, T_0: float, above: float) -> float:
-    """lambda of (6): the scale-factor error when the air is T at `above` metres over the reference height."""
+    """lambda of (6): the scale-factor error when the air is T at `above` metres over the reference
+    height."""
     T_0_now = T - L0_KPM * above
     if law == EXACT:
         return T_0 / T_0_now - 1.0
@@ -354,10 +380,11 @@ def predict_motion(state: Rows, params: Rows, dt: float) -> None:
 
 @step
 def correct_motion(state: Rows, params: Rows, height: float, R: float, time_us: int) -> int:
-    """The alpha-beta update with a height of variance R (34): USED, or GATED when its weight was damped.
+    """The alpha-beta update with a height of variance R (34): USED, or GATED when its weight was
+    damped.
 
-    Innovations that stay beyond the gate are a jump of the sensor: height starts anew there, and b, which a jump of
-    the barometer changes, becomes as uncertain as the jump was large.
+    Innovations that stay beyond the gate are a jump of the sensor: height starts anew there, and b,
+    which a jump of the barometer changes, becomes as uncertain as the jump was large.
     """
     s, gate = state[0], params[0].baro_gate
     innovation = height - s.motion[0]
@@ -379,7 +406,8 @@ def correct_motion(state: Rows, params: Rows, height: float, R: float, time_us: 
 
 @step
 def correct_error(state: Rows, params: Rows, innovation: float, R: float) -> None:
-    """Correct [a, b] with the row in H; the height moves along unless the correction is to be filtered."""
+    """Correct [a, b] with the row in H; the height moves along unless the correction is to be
+    filtered."""
     s, p = state[0], params[0]
     baro = s.motion[0] + s.error[0] * (s.motion[0] - p.H_0) + s.error[1]
     correct(s.error, s.P_error, s.H, s.K, innovation, R)
@@ -400,12 +428,15 @@ def lambda_update(state: Rows, params: Rows, T: float, R_T: float, time_us: int)
         variance *= max(1.0, p.temperature_time_s / ((time_us - s.lambda_us) * 1e-6))
     s.lambda_us = time_us
     s.H[0], s.H[1] = 1.0, 0.0
-    correct_error(state, params, scale_of_temperature(p.law, T, p.T_0, above) - s.error[0], variance)
+    correct_error(
+        state, params, scale_of_temperature(p.law, T, p.T_0, above) - s.error[0], variance
+    )
 
 
 @step
 def baro_at(state: Rows, time_us: int) -> float:
-    """h^B at an instant, carried on with the climb when that is newer than the newest; NaN when there is none near."""
+    """h^B at an instant, carried on with the climb when that is newer than the newest; NaN when
+    there is none near."""
     s = state[0]
     baro = at(s.baro_us, s.baro_values, time_us, SILENCE_US)
     newer_s = max(0.0, (time_us - s.last_us[PRESSURE, 0]) * 1e-6)
@@ -424,7 +455,8 @@ def z_innovation(state: Rows, params: Rows, baro: float, fix_m: float) -> float:
 
 @step
 def learn_anew(state: Rows, params: Rows, innovation: float) -> None:
-    """Fixes have contradicted [a, b] for long: no scale factor, and a bias as wrong as the innovation says."""
+    """Fixes have contradicted [a, b] for long: no scale factor, and a bias as wrong as the
+    innovation says."""
     s, p = state[0], params[0]
     s.gnss_run[0] = 0
     s.error[1] += s.H[0] * s.error[0]
@@ -434,7 +466,8 @@ def learn_anew(state: Rows, params: Rows, innovation: float) -> None:
 
 @step
 def z_update(state: Rows, params: Rows, time_us: int, fix_m: float, R_GPS: float) -> int:
-    """(25), (26), (29)-(31) in one: USED, GATED when its weight was damped, STALE when no barometer height is near."""
+    """(25), (26), (29)-(31) in one: USED, GATED when its weight was damped, STALE when no barometer
+    height is near."""
     s = state[0]
     baro = baro_at(state, time_us)
     if math.isnan(baro):
@@ -468,7 +501,8 @@ def take_waiting_fix(state: Rows, params: Rows) -> None:
 
 @step
 def take_temperature(state: Rows, params: Rows, die_temperature_k: float, time_us: int) -> None:
-    """The lambda-update with the temperature that waits, else with that of the die where it is allowed to stand in."""
+    """The lambda-update with the temperature that waits, else with that of the die where it is
+    allowed to stand in."""
     s, p = state[0], params[0]
     air_is_near = s.last_us[AIR, 0] >= 0 and time_us - s.last_us[AIR, 0] <= AIR_REACH_US
     if air_is_near and not math.isnan(s.temperature_k):
@@ -527,7 +561,8 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
 
 @step
 def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
-    """A fix meets the barometer height of its own time, at once or when that comes; without a barometer it leads."""
+    """A fix meets the barometer height of its own time, at once or when that comes; without a
+    barometer it leads."""
     s, p = state[0], params[0]
     if sample[0].instance != 0:
         return tally(state, GNSS, IGNORED)
@@ -607,14 +642,21 @@ def write_estimate(state: Rows, params: Rows, estimate: Rows) -> None:
     if s.gnss_alone == 0:
         s.H[0], s.H[1] = s.motion[0] - p.H_0, 1.0
         age_s = 0.0 if s.settled_us < 0 else max(0.0, (s.motion_us - s.settled_us) * 1e-6)
-        variance = spread(s.P_settled, s.H) + WEATHER_M2PS * age_s + min(p.R_B, s.P_motion[0, 0]) + s.wander_m2
+        variance = (
+            spread(s.P_settled, s.H)
+            + WEATHER_M2PS * age_s
+            + min(p.R_B, s.P_motion[0, 0])
+            + s.wander_m2
+        )
     estimate[0].time_us = s.motion_us
     estimate[0].altitude_amsl_m = s.motion[0]
     estimate[0].climb_mps = s.motion[1]
     estimate[0].altitude_sd_m = math.sqrt(variance)
     estimate[0].climb_sd_mps = math.sqrt(s.P_motion[1, 1])
     estimate[0].baro_offset_m = (
-        math.nan if s.gnss_alone == 1 else compensate(s.baro_m, s.error[0], s.error[1], p.H_0) - s.baro_m
+        math.nan
+        if s.gnss_alone == 1
+        else compensate(s.baro_m, s.error[0], s.error[1], p.H_0) - s.baro_m
     )
     estimate[0].innovation_m = s.innovation_m
     estimate[0].baro_scale = s.error[0]
@@ -655,7 +697,12 @@ METHOD = Method(
     settings=AirDataGnssSettings,
     state=STATE,
     init=init,
-    steps={Kind.PRESSURE: on_pressure, Kind.GNSS: on_gnss, Kind.AIR: on_air, Kind.STATUS: on_status},
+    steps={
+        Kind.PRESSURE: on_pressure,
+        Kind.GNSS: on_gnss,
+        Kind.AIR: on_air,
+        Kind.STATUS: on_status,
+    },
     run=run,
     datum_invariant=False,
     follows_baro_step=True,

@@ -1,11 +1,14 @@
-"""What every estimator shares: the description of a method, the intake of a sample, and the live filter.
+"""What every estimator shares: the description of a method, the intake of a sample, and the live
+filter.
 
-An estimator is a pure step over a typed state. State and parameters are one-element structured arrays; each step
+An estimator is a pure step over a typed state. State and parameters are one-element structured
+arrays; each step
 
     on_pressure(state, params, sample, estimate) -> verdict
 
-reads one sample, updates the state, writes the estimate and returns a `Verdict`. Live calls a step for each message;
-`run`, a compiled loop at the end of each estimator's module, does the same over the tables of a `SampleLog`.
+reads one sample, updates the state, writes the estimate and returns a `Verdict`. Live calls a step
+for each message; `run`, a compiled loop at the end of each estimator's module, does the same over
+the tables of a `SampleLog`.
 """
 
 import json
@@ -17,160 +20,10 @@ from typing import Any
 import numpy as np
 
 from companion.config import Settings
-from companion.jit import step
-from companion.samples import ESTIMATE, MAX_INSTANCES, Kind, Rows, SampleLog, Verdict, readable, rows
+from companion.estimators.judging import IGNORED, ignore
+from companion.samples import ESTIMATE, Kind, Rows, SampleLog, Verdict, readable, rows
 
 Step = Callable[[Rows, Rows, Rows, Rows], int]
-
-DELAY_HORIZON_US = 1_000_000
-"""A sample this much older than the newest one can no longer be placed in time, and is STALE."""
-
-LOWEST_GNSS_M, HIGHEST_GNSS_M = -1000.0, 50_000.0
-HIGHEST_GNSS_SD_M = 50.0
-"""A fix that is worse than this says nothing about height."""
-LOWEST_DIE_K, HIGHEST_DIE_K = 200.0, 380.0
-"""What a pressure sensor's own thermometer can read: no part is rated beyond -40..+85 degC."""
-LOWEST_AIR_K, HIGHEST_AIR_K = 180.0, 335.0
-"""Beyond what air has ever been below 50 km."""
-HIGHEST_FORCE_MPS2, HIGHEST_RATE_RADPS = 200.0, 40.0
-"""What an inertial sensor can read: 16 g parts clip at 157 m/s2, 2000 deg/s parts at 35 rad/s."""
-
-USED, GATED, STALE, INVALID, IGNORED = (int(verdict) for verdict in Verdict)
-IMU, PRESSURE, GNSS, ATTITUDE, RANGE, AIR, STATUS, HOME = (int(kind) for kind in Kind)
-
-
-def state_dtype(*fields: tuple[Any, ...]) -> np.dtype[Any]:
-    """A state's dtype: what every estimator needs to place samples in time and to count them, then its own fields."""
-    common = [
-        ("now_us", "i8"),  # time of the newest sample
-        ("last_us", "i8", (len(Kind), MAX_INSTANCES)),  # time of the newest sample of each kind and instance
-        ("verdicts", "i8", (len(Kind), len(Verdict))),  # counters
-    ]
-    return np.dtype(common + list(fields), align=True)
-
-
-@step
-def reset(state: Rows) -> None:
-    """Forget every instant: the vehicle's clock starts anew. Counters stay."""
-    state[0].now_us = -1
-    for kind in range(state[0].last_us.shape[0]):
-        for instance in range(state[0].last_us.shape[1]):
-            state[0].last_us[kind, instance] = -1
-
-
-@step
-def forget(estimate: Rows) -> None:
-    """Know nothing any more."""
-    estimate[0].altitude_amsl_m = math.nan
-    estimate[0].climb_mps = math.nan
-    estimate[0].altitude_sd_m = math.nan
-    estimate[0].climb_sd_mps = math.nan
-    estimate[0].baro_offset_m = math.nan
-    estimate[0].innovation_m = math.nan
-    estimate[0].height_above_takeoff_m = math.nan
-    estimate[0].baro_rate_mps = math.nan
-    estimate[0].baro_scale = math.nan
-    estimate[0].gnss_offset_m = math.nan
-    estimate[0].qnh_pa = math.nan
-    estimate[0].qnh_sd_pa = math.nan
-    estimate[0].protection_level_m = math.nan
-    for i in range(estimate[0].drift_probabilities.size):
-        estimate[0].drift_probabilities[i] = math.nan
-    estimate[0].faulty = 0
-    estimate[0].faulty_since_us = 0
-
-
-@step
-def tally(state: Rows, kind: int, verdict: int) -> int:
-    """Count a verdict, and return it."""
-    state[0].verdicts[kind, verdict] += 1
-    return verdict
-
-
-@step
-def is_stale(state: Rows, kind: int, instance: int, time_us: int) -> bool:
-    """Whether a sample is not newer than the last of its kind and instance, or beyond the delay horizon."""
-    return time_us <= state[0].last_us[kind, instance] or time_us < state[0].now_us - DELAY_HORIZON_US
-
-
-@step
-def place(state: Rows, kind: int, instance: int, time_us: int) -> None:
-    """Record that a sample of this time has been taken in."""
-    state[0].last_us[kind, instance] = time_us
-    state[0].now_us = max(state[0].now_us, time_us)
-
-
-@step
-def judge_pressure(state: Rows, sample: Rows, lowest_pa: float, highest_pa: float) -> int:
-    """USED for a pressure that an estimator may take in, else STALE or INVALID. NaN fails the range."""
-    if not 0 <= sample[0].instance < MAX_INSTANCES:
-        return INVALID
-    if not lowest_pa <= sample[0].pressure_pa <= highest_pa or sample[0].suspect != 0:
-        return INVALID
-    if sample[0].die_temperature_k < LOWEST_DIE_K or sample[0].die_temperature_k > HIGHEST_DIE_K:
-        return INVALID  # -135 degC comes with a garbage pressure; an unknown temperature passes
-    return STALE if is_stale(state, PRESSURE, sample[0].instance, sample[0].time_us) else USED
-
-
-@step
-def judge_gnss(state: Rows, sample: Rows) -> int:
-    """USED for a believable 3D fix, else STALE or INVALID.
-
-    A fix type of 3 alone is no proof: one slid by 700 m on the ground while its claimed accuracy admitted kilometres.
-    """
-    if not 0 <= sample[0].instance < MAX_INSTANCES or sample[0].fix_type < 3 or sample[0].suspect != 0:
-        return INVALID
-    if not LOWEST_GNSS_M <= sample[0].altitude_amsl_m <= HIGHEST_GNSS_M:
-        return INVALID
-    if gnss_sd_m(sample, 0.0, 0.0) > HIGHEST_GNSS_SD_M:
-        return INVALID
-    return STALE if is_stale(state, GNSS, sample[0].instance, sample[0].time_us) else USED
-
-
-@step
-def judge_imu(state: Rows, sample: Rows) -> int:
-    """USED for finite forces and rates within what a sensor can read, else STALE or INVALID. NaN fails the range."""
-    if not 0 <= sample[0].instance < MAX_INSTANCES:
-        return INVALID
-    for axis in range(3):
-        if not -HIGHEST_FORCE_MPS2 <= sample[0].specific_force_b_mps2[axis] <= HIGHEST_FORCE_MPS2:
-            return INVALID
-        if not -HIGHEST_RATE_RADPS <= sample[0].angular_rate_b_radps[axis] <= HIGHEST_RATE_RADPS:
-            return INVALID
-    return STALE if is_stale(state, IMU, sample[0].instance, sample[0].time_us) else USED
-
-
-@step
-def judge_attitude(state: Rows, sample: Rows) -> int:
-    """USED for a roll within half a turn and a pitch within a quarter, else STALE or INVALID. NaN fails the range."""
-    if not 0 <= sample[0].instance < MAX_INSTANCES:
-        return INVALID
-    if not -3.1416 <= sample[0].roll_rad <= 3.1416 or not -1.5708 <= sample[0].pitch_rad <= 1.5708:
-        return INVALID
-    return STALE if is_stale(state, ATTITUDE, sample[0].instance, sample[0].time_us) else USED
-
-
-@step
-def gnss_sd_m(sample: Rows, floor_m: float, unknown_m: float) -> float:
-    """Vertical spread of a GNSS height, not below `floor_m`.
-
-    As the receiver claims, else 2.5 m a unit of VDOP, else 5 m a unit of HDOP (vertical is about twice as bad), else
-    `unknown_m`.
-    """
-    sd_m = unknown_m
-    if sample[0].vertical_sd_m > 0.0:
-        sd_m = sample[0].vertical_sd_m
-    elif sample[0].vdop > 0.0:
-        sd_m = 2.5 * sample[0].vdop
-    elif sample[0].hdop > 0.0:
-        sd_m = 5.0 * sample[0].hdop
-    return max(floor_m, sd_m)
-
-
-@step
-def ignore(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
-    """The step of a kind that the estimator does not use: no effect, not counted (the caller knows)."""
-    return IGNORED
 
 
 @dataclass(frozen=True)
@@ -192,9 +45,13 @@ class Method:
     datum_invariant: bool
     """the same flight one kilometre higher gives the same errors"""
     follows_baro_step: bool
-    """after a lasting step of the barometer the altitude comes back to GNSS: the step is learned, not kept"""
+    """after a lasting step of the barometer the altitude comes back to GNSS: the step is learned,
+    not kept"""
     version: int = 1
     """of the state's meaning; a checkpoint of another version is refused"""
+    tune: Callable[..., Any] | None = None
+    """tune(log, settings, seed, generations, on_progress): gains from a flight; None when it has no
+    such search"""
     optional: frozenset[Kind] = frozenset()
     """kinds with a step that are IGNORED unless the settings ask for them"""
 
@@ -227,7 +84,9 @@ class Filter:
     def checkpoint(self) -> bytes:
         """State and estimate as bytes that `restore` takes back, bit for bit."""
         head = json.dumps(self._fingerprint()).encode()
-        return len(head).to_bytes(4, "little") + head + self.state.tobytes() + self.estimate.tobytes()
+        return (
+            len(head).to_bytes(4, "little") + head + self.state.tobytes() + self.estimate.tobytes()
+        )
 
     def restore(self, data: bytes) -> None:
         """Continue from a `checkpoint` of the same method and version.
@@ -239,7 +98,9 @@ class Filter:
         """
         size = int.from_bytes(data[:4], "little")
         if data[4 : 4 + size] != json.dumps(self._fingerprint()).encode():
-            raise ValueError(f"this checkpoint is not one of {self.method.name} version {self.method.version}")
+            raise ValueError(
+                f"this checkpoint is not one of {self.method.name} version {self.method.version}"
+            )
         body = data[4 + size :]
         if len(body) != self.state.nbytes + self.estimate.nbytes:
             raise ValueError("this checkpoint is cut")
@@ -250,7 +111,9 @@ class Filter:
         return [self.method.name, self.method.version, repr(self.method.state), repr(ESTIMATE)]
 
 
-def run_log(method: Method, log: SampleLog, settings: Settings | None = None) -> tuple[Rows, Rows, Rows]:
+def run_log(
+    method: Method, log: SampleLog, settings: Settings | None = None
+) -> tuple[Rows, Rows, Rows]:
     """The compiled loop over a whole log.
 
     Returns

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.atmosphere import baro_altitude_array
 from companion.errors import ConfigError
 from companion.estimators import ESTIMATORS, run_log
 from companion.evaluation.detection import Accused
 from companion.evaluation.integrity import coverage, plot_stanford, protection
 from companion.evaluation.metrics import Array, errors, truth_at
 from companion.evaluation.samples import BOOT_US, samples_of
+from companion.kernels.atmosphere import baro_altitude_array
 from companion.samples import Kind, Rows, SampleLog
 from companion.settings import CompanionSettings
 
@@ -25,7 +25,8 @@ SETTLE_S = 60.0
 
 @dataclass(frozen=True)
 class Result:
-    """One line of the table; unknown is NaN. Errors are against truth, or against GNSS where there is no truth."""
+    """One line of the table; unknown is NaN. Errors are against truth, or against GNSS where there
+    is no truth."""
 
     label: str
     rmse_m: float = math.nan
@@ -34,7 +35,8 @@ class Result:
     bias_m: float = math.nan
     unbiased_rmse_m: float = math.nan
     takeoff_rmse_m: float = math.nan
-    """of the height above take-off: the source's own, else its altitude since arming or the first climb"""
+    """of the height above take-off: the source's own, else its altitude since arming or the first
+    climb"""
     climb_rmse_mps: float = math.nan
     nees: float = math.nan
     """mean of (error / claimed standard deviation)^2: 1 is honest, more is overconfident"""
@@ -88,13 +90,19 @@ class Comparison:
     def errors_of(self, series: Series) -> tuple[NDArray[np.bool_], Array]:
         """Whether each altitude counts (late enough), shape (n,), and the errors of those that do."""
         late = series.times_us >= self.start_us
-        return late, series.altitude_m[late] - truth_at(series.times_us[late], self.truth_us, self.truth_m)
+        return late, series.altitude_m[late] - truth_at(
+            series.times_us[late], self.truth_us, self.truth_m
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready: unknown is None."""
         rows = [asdict(result) for result in self.results]
         plain = [
-            {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in row.items()} for row in rows
+            {
+                k: None if isinstance(v, float) and not math.isfinite(v) else v
+                for k, v in row.items()
+            }
+            for row in rows
         ]
         return {"reference": self.reference, "results": plain}
 
@@ -108,7 +116,9 @@ def compare(
 ) -> Comparison:
     """Run estimators over the log at `path`. Raises `LogFormatError`."""
     settings = settings or CompanionSettings()
-    log = samples_of(path, settings, lambda fraction: on_progress(0.6 * fraction) if on_progress else None)
+    log = samples_of(
+        path, settings, lambda fraction: on_progress(0.6 * fraction) if on_progress else None
+    )
     return compare_log(log, settings, settle_s, on_progress, estimators)
 
 
@@ -129,7 +139,9 @@ def compare_log(
     truth = log.truth
     start_us = float(log.first_us) + settle_s * 1e6
     if truth.size > 1:
-        truth_us, truth_m, truth_climb = (_floats(truth[name]) for name in ("time_us", "altitude_amsl_m", "climb_mps"))
+        truth_us, truth_m, truth_climb = (
+            _floats(truth[name]) for name in ("time_us", "altitude_amsl_m", "climb_mps")
+        )
         reference = "truth"
     else:
         fixes = next((each for each in series if each.label == "raw GNSS"), None)
@@ -138,12 +150,15 @@ def compare_log(
         truth_climb, reference = np.full(truth_us.shape, np.nan), "GNSS"
     baro = next((each for each in series if each.label == "raw barometer"), None)
     takeoff = takeoff_of(log, truth_us, truth_m)
-    results = [_judge(each, (truth_us, truth_m, truth_climb), baro, start_us, takeoff) for each in series]
+    results = [
+        _judge(each, (truth_us, truth_m, truth_climb), baro, start_us, takeoff) for each in series
+    ]
     return Comparison(reference, series, results, truth_us, truth_m, start_us)
 
 
 def estimate_series(name: str, log: SampleLog, settings: CompanionSettings) -> Series:
-    """What the estimator `name` says after every barometer sample (every fix, in a log without a barometer)."""
+    """What the estimator `name` says after every barometer sample (every fix, in a log without a
+    barometer)."""
     method, section = ESTIMATORS[name], settings.section(name)
     run_log(method, log, section)  # compiled and in the processor's cache
     before_s = time.perf_counter()
@@ -178,7 +193,8 @@ def _accused(estimates: Rows, arrival_us: Array) -> Accused:
 def takeoff_of(log: SampleLog, truth_us: Array, truth_m: Array) -> tuple[float, float]:
     """Take-off: its time (us) and true height (m); NaN where there is none.
 
-    Arming, as the vehicle says it; in a log of one that never arms, the start that it has climbed 2 m from.
+    Arming, as the vehicle says it; in a log of one that never arms, the start that it has climbed 2
+    m from.
     """
     if truth_m.size < 2:
         return math.nan, math.nan
@@ -188,7 +204,9 @@ def takeoff_of(log: SampleLog, truth_us: Array, truth_m: Array) -> tuple[float, 
         time_us = float(status["time_us"][armed[0]])
         return time_us, float(np.interp(time_us, truth_us, truth_m))
     climbed = np.flatnonzero(truth_m > truth_m[0] + 2.0)
-    return (float(truth_us[climbed[0]]), float(truth_m[0])) if climbed.size else (math.nan, math.nan)
+    return (
+        (float(truth_us[climbed[0]]), float(truth_m[0])) if climbed.size else (math.nan, math.nan)
+    )
 
 
 def raw_series(log: SampleLog) -> list[Series]:
@@ -225,10 +243,10 @@ def raw_series(log: SampleLog) -> list[Series]:
 
 def plot(comparison: Comparison, path: Path, title: str) -> None:
     """Errors over time of every series, against what the comparison used."""
-    import matplotlib as mpl  # noqa: PLC0415
+    import matplotlib as mpl
 
     mpl.use("Agg")
-    import matplotlib.pyplot as plt  # noqa: PLC0415
+    import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(figsize=(10, 5), layout="constrained")
     for each in comparison.series:
@@ -242,9 +260,18 @@ def plot(comparison: Comparison, path: Path, title: str) -> None:
             label=each.label,
         )
     axes.axhline(0, color="black", linewidth=0.8)
-    axes.set(xlabel="time since boot (min)", ylabel=f"altitude - {comparison.reference} (m)", title=title)
+    axes.set(
+        xlabel="time since boot (min)", ylabel=f"altitude - {comparison.reference} (m)", title=title
+    )
     limit = np.nanmax(
-        [5.0, *(2.0 * result.p95_m for result in comparison.results if not result.label.startswith("raw b"))]
+        [
+            5.0,
+            *(
+                2.0 * result.p95_m
+                for result in comparison.results
+                if not result.label.startswith("raw b")
+            ),
+        ]
     )
     axes.set_ylim(-min(limit, 60.0), min(limit, 60.0))
     axes.grid(alpha=0.3)
@@ -254,11 +281,14 @@ def plot(comparison: Comparison, path: Path, title: str) -> None:
 
 
 def plot_protection(comparison: Comparison, path: Path, title: str, alert_limit_m: float) -> None:
-    """Stanford diagram of the first series with a protection level. Raises `ConfigError` when there is none."""
+    """Stanford diagram of the first series with a protection level. Raises `ConfigError` when there
+    is none."""
     for each in comparison.series:
         if each.level_m is not None:
             late, error_m = comparison.errors_of(each)
-            plot_stanford(path, f"{title}, {each.label}", error_m, each.level_m[late], alert_limit_m)
+            plot_stanford(
+                path, f"{title}, {each.label}", error_m, each.level_m[late], alert_limit_m
+            )
             return
     raise ConfigError("--stanford: no estimator of this comparison has a protection level")
 
@@ -285,7 +315,11 @@ def _judge(
         if series.level_m is not None
         else None
     )
-    against_baro = errors(altitude_m, truth_at(times_us, baro.times_us, baro.altitude_m)) if baro is not None else None
+    against_baro = (
+        errors(altitude_m, truth_at(times_us, baro.times_us, baro.altitude_m))
+        if baro is not None
+        else None
+    )
     return Result(
         series.label,
         found.rmse_m,

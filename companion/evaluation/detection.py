@@ -16,7 +16,8 @@ Accusations = NDArray[np.int64]
 
 
 class Accused(NamedTuple):
-    """What an estimator said of its sensors over a log, shape (n,) each, on the clock by which the log arrived."""
+    """What an estimator said of its sensors over a log, shape (n,) each, on the clock by which the
+    log arrived."""
 
     times_us: Array
     faulty: Accusations
@@ -36,7 +37,8 @@ class Detection:
     wrong_share: float
     """those that name another one"""
     cleared_s: float
-    """from the end of the fault until nothing is accused any more; NaN too when nothing was accused at its end"""
+    """from the end of the fault until nothing is accused any more; NaN too when nothing was accused
+    at its end"""
 
     @property
     def detected(self) -> bool:
@@ -44,11 +46,18 @@ class Detection:
 
 
 def detection(
-    times_us: Array, faulty: Accusations, since_us: Array, onset_us: float, end_us: float, sensor: Fault
+    times_us: Array,
+    faulty: Accusations,
+    since_us: Array,
+    onset_us: float,
+    end_us: float,
+    sensor: Fault,
 ) -> Detection:
-    """Judge the accusations while `sensor` is wrong, from `onset_us` until before `end_us` (``math.inf``: to the end).
+    """Judge the accusations while `sensor` is wrong, from `onset_us` until before `end_us`
+    (``math.inf``: to the end).
 
-    `times_us`, `faulty`, `since_us`: time and fields of the estimates, shape (n,), in order of time on one clock.
+    `times_us`, `faulty`, `since_us`: time and fields of the estimates, shape (n,), in order of time
+    on one clock.
     """
     lasts = (times_us >= onset_us) & (times_us < end_us)
     right = lasts & (faulty == sensor)
@@ -64,17 +73,23 @@ def detection(
     )
 
 
-def _cleared_s(times_us: Array, faulty: Accusations, lasts: NDArray[np.bool_], end_us: float) -> float:
+def _cleared_s(
+    times_us: Array, faulty: Accusations, lasts: NDArray[np.bool_], end_us: float
+) -> float:
     if not lasts.any() or faulty[lasts][-1] == Fault.NONE:
         return math.nan
     clear = (times_us >= end_us) & (faulty == Fault.NONE)
     return float(times_us[np.argmax(clear)] - end_us) * 1e-6 if clear.any() else math.nan
 
 
-def false_alarms(times_us: Array, faulty: Accusations, windows_us: Sequence[tuple[float, float]] = ()) -> int:
-    """How many accusations begin outside all of `windows_us` (onset, end), when no sensor was wrong.
+def false_alarms(
+    times_us: Array, faulty: Accusations, windows_us: Sequence[tuple[float, float]] = ()
+) -> int:
+    """How many accusations begin outside all of `windows_us` (onset, end), when no sensor was
+    wrong.
 
-    An accusation begins where ``faulty`` changes to a sensor; one that outlasts a fault is late, not false.
+    An accusation begins where ``faulty`` changes to a sensor; one that outlasts a fault is late,
+    not false.
     """
     before = np.concatenate([[Fault.NONE], faulty[:-1]])
     begins = (faulty != Fault.NONE) & (faulty != before)

@@ -1,12 +1,13 @@
-"""Whether a claimed spread and a protection level can be believed: coverage, exceedances, Stanford diagram.
+"""Whether a claimed spread and a protection level can be believed: coverage, exceedances, Stanford
+diagram.
 
 An exceedance is an episode, since errors that last are exceeded for a while or several times in a row: it begins where
 |error| > level, and two of them less than `EPISODE_S` apart are one. That is the correlation time of the slow GNSS
-error, over which the allocated rate (`companion.estimators.vertical_settings.crossing_sigma`) counts one crossing.
+error, over which the allocated rate (`companion.estimators.vertical_bank.settings.crossing_sigma`) counts one crossing.
 
-The Stanford diagram (Tossaint et al., "The Stanford - ESA integrity diagram", 2007) sets |error| against level: above
-the diagonal all is well, below it the level misleads; beyond the alert limit a level makes the system unavailable, and
-an error whose level is within it is hazardously misleading.
+The Stanford diagram (Tossaint et al., "The Stanford - ESA integrity diagram", 2007) sets |error|
+against level: above the diagonal all is well, below it the level misleads; beyond the alert limit a
+level makes the system unavailable, and an error whose level is within it is hazardously misleading.
 """
 
 import math
@@ -27,8 +28,8 @@ ALERT_LIMIT_M = 50.0
 
 @dataclass(frozen=True)
 class Coverage:
-    """Shares of |error| <= 1, 2, 3 standard deviations (an honest Gaussian: .683, .954, .997), and the mean of
-    (error / standard deviation)^2; NaN of an empty series."""
+    """Shares of |error| <= 1, 2, 3 standard deviations (an honest Gaussian: .683, .954, .997), and
+    the mean of (error / standard deviation)^2; NaN of an empty series."""
 
     within_1: float
     within_2: float
@@ -85,7 +86,8 @@ def coverage(error_m: Array, sd_m: Array) -> Coverage:
 
 
 def protection(times_s: Array, error_m: Array, level_m: Array) -> Protection | None:
-    """Of a series in order of time, shape (n,) each; what has a NaN is left out, None when nothing is left."""
+    """Of a series in order of time, shape (n,) each; what has a NaN is left out, None when nothing
+    is left."""
     known = np.isfinite(error_m) & np.isfinite(level_m)
     if not known.any():
         return None
@@ -106,7 +108,8 @@ def episodes(times_s: Array, apart_s: float = EPISODE_S) -> int:
 
 
 def poisson_interval(count: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Exact (Garwood's) confidence interval of the mean of a Poisson variable that came out as `count`."""
+    """Exact (Garwood's) confidence interval of the mean of a Poisson variable that came out as
+    `count`."""
     tail = 0.5 * (1.0 - confidence)
     low = _solve(count, lambda mean: 1.0 - _at_most(count - 1, mean) < tail) if count > 0 else 0.0
     return low, _solve(count, lambda mean: _at_most(count, mean) > tail)
@@ -124,7 +127,9 @@ def _at_most(count: int, mean: float) -> float:
     """P(N <= count) of a Poisson variable."""
     if mean <= 0.0:
         return 1.0
-    return math.fsum(math.exp(k * math.log(mean) - mean - math.lgamma(k + 1.0)) for k in range(count + 1))
+    return math.fsum(
+        math.exp(k * math.log(mean) - mean - math.lgamma(k + 1.0)) for k in range(count + 1)
+    )
 
 
 def regions(error_m: Array, level_m: Array, alert_limit_m: float = ALERT_LIMIT_M) -> Regions:
@@ -143,15 +148,29 @@ LABEL_BOX = {"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1.0
 """so that a label can be read where the counts are"""
 
 
-def draw_stanford(axes: Any, error_m: Array, level_m: Array, alert_limit_m: float = ALERT_LIMIT_M) -> None:
+def draw_stanford(
+    axes: Any, error_m: Array, level_m: Array, alert_limit_m: float = ALERT_LIMIT_M
+) -> None:
     """The diagram on Matplotlib `axes`: a histogram whose colours are logarithms of counts."""
-    from matplotlib.colors import LogNorm  # noqa: PLC0415
+    from matplotlib.colors import LogNorm
 
     known = np.isfinite(error_m) & np.isfinite(level_m)
     size, level = np.abs(error_m[known]), level_m[known]
-    top = max(1.2 * alert_limit_m, float(np.max(size, initial=0.0)), float(np.quantile(level, 0.999, method="higher")))
+    top = max(
+        1.2 * alert_limit_m,
+        float(np.max(size, initial=0.0)),
+        float(np.quantile(level, 0.999, method="higher")),
+    )
     found = regions(error_m, level_m, alert_limit_m)
-    axes.hist2d(size, level, bins=120, range=((0.0, top), (0.0, top)), norm=LogNorm(), cmap="viridis", rasterized=True)
+    axes.hist2d(
+        size,
+        level,
+        bins=120,
+        range=((0.0, top), (0.0, top)),
+        norm=LogNorm(),
+        cmap="viridis",
+        rasterized=True,
+    )
     axes.plot([0.0, top], [0.0, top], color="black", linewidth=0.8)
     axes.axhline(alert_limit_m, color="#b8403a", linewidth=0.8)
     axes.plot([alert_limit_m, alert_limit_m], [0.0, alert_limit_m], color="#b8403a", linewidth=0.8)
@@ -164,12 +183,19 @@ def draw_stanford(axes: Any, error_m: Array, level_m: Array, alert_limit_m: floa
     for x, y, side, name, share in labels:
         label = f"{name}\n{100 * share:.3g} %"
         axes.text(x, y, label, transform=axes.transAxes, va=side, fontsize=8, bbox=LABEL_BOX)
-    axes.set(xlabel="|altitude error| (m)", ylabel="protection level (m)", xlim=(0.0, top), ylim=(0.0, top))
+    axes.set(
+        xlabel="|altitude error| (m)",
+        ylabel="protection level (m)",
+        xlim=(0.0, top),
+        ylim=(0.0, top),
+    )
 
 
-def plot_stanford(path: Path, title: str, error_m: Array, level_m: Array, alert_limit_m: float = ALERT_LIMIT_M) -> None:
+def plot_stanford(
+    path: Path, title: str, error_m: Array, level_m: Array, alert_limit_m: float = ALERT_LIMIT_M
+) -> None:
     """The diagram as an image file."""
-    from matplotlib.figure import Figure  # noqa: PLC0415
+    from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6.0, 5.5), layout="constrained")
     axes = figure.subplots()

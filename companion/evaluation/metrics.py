@@ -10,7 +10,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Errors:
-    """Of one source: root mean square, 95th percentile and maximum of |error|, mean, and rms without the mean."""
+    """Of one source: root mean square, 95th percentile and maximum of |error|, mean, and rms
+    without the mean."""
 
     count: int
     rmse_m: float
@@ -24,7 +25,8 @@ class Errors:
 
 
 def errors(values: ArrayLike, truth: ArrayLike) -> Errors | None:
-    """Errors of `values` against `truth`, same shape; pairs with a NaN are left out, None when nothing is left."""
+    """Errors of `values` against `truth`, same shape; pairs with a NaN are left out, None when
+    nothing is left."""
     error = np.asarray(values, np.float64) - np.asarray(truth, np.float64)
     error = error[np.isfinite(error)]
     if error.size == 0:
@@ -41,7 +43,8 @@ def errors(values: ArrayLike, truth: ArrayLike) -> Errors | None:
 
 
 def truth_at(times_us: Array, truth_us: Array, truth_m: Array) -> Array:
-    """Truth at `times_us`, linear between its samples; NaN outside them and inside gaps of more than two seconds."""
+    """Truth at `times_us`, linear between its samples; NaN outside them and inside gaps of more
+    than two seconds."""
     if truth_us.size < 2:
         return np.full(times_us.shape, np.nan)
     order = np.argsort(truth_us, kind="stable")

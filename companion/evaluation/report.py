@@ -1,13 +1,14 @@
-"""What a replay found: counts by verdict, the altitude in short, and errors against truth beside those of others."""
+"""What a replay found: counts by verdict, the altitude in short, and errors against truth beside
+those of others."""
 
 import math
 from typing import Any
 
 import numpy as np
 
-from companion.atmosphere import baro_altitude_array
 from companion.evaluation.metrics import Array, Errors, errors, truth_at
 from companion.evaluation.samples import BOOT_US
+from companion.kernels.atmosphere import baro_altitude_array
 from companion.mavlink.codec import Message
 from companion.pipeline import Pipeline
 from companion.samples import Kind, Rows, Verdict
@@ -38,7 +39,9 @@ class Collector:
         self._boot_us = 0
         self._first_us: int | None = None
         self._last_us = 0
-        self._tracks = {name: _Track(2) for name in ("gnss", "baro", "truth", "autopilot", "published")}
+        self._tracks = {
+            name: _Track(2) for name in ("gnss", "baro", "truth", "autopilot", "published")
+        }
         self._estimate = _Track(4)
 
     def sample(self, kind: Kind, row: Rows, verdict: Verdict, estimate: Rows) -> None:
@@ -73,7 +76,8 @@ class Collector:
         self._tracks["published"].add(message.time_usec + self._boot_us, message.altitude_amsl)
 
     def track(self, name: str) -> Array:
-        """(times_us, altitudes_m), shape (2, n), of "estimate", "published", "gnss", "baro", "autopilot" or "truth"."""
+        """(times_us, altitudes_m), shape (2, n), of "estimate", "published", "gnss", "baro",
+        "autopilot" or "truth"."""
         if name == "estimate":
             return self._estimate.array()[:2]
         array = self._tracks[name].array()
@@ -119,14 +123,19 @@ def build(
     """The report as plain data: JSON-ready, unknown is None."""
     identity = pipeline.identity
     samples = {
-        kind.name.lower(): {v.name.lower(): n for v, n in zip(Verdict, pipeline.verdicts[kind], strict=True) if n}
+        kind.name.lower(): {
+            v.name.lower(): n for v, n in zip(Verdict, pipeline.verdicts[kind], strict=True) if n
+        }
         for kind in Kind
         if any(pipeline.verdicts[kind])
     }
     altitudes_m = collector.track("estimate")[1]
     known = np.isfinite(altitudes_m)
     spread_m, climb_mps = collector.spread()[known], collector.climb()[known]
-    altitude: dict[str, Any] = {"estimates": int(known.sum()), "published": int(collector.track("published").shape[1])}
+    altitude: dict[str, Any] = {
+        "estimates": int(known.sum()),
+        "published": int(collector.track("published").shape[1]),
+    }
     if known.any():
         altitude |= {
             "first_m": altitudes_m[known][0],
@@ -150,7 +159,9 @@ def build(
             "reboots": pipeline.intake.clock.reboots,
             "health": pipeline.health.health.name,
             "samples": samples,
-            "set_aside": {str(cause): count for cause, count in pipeline.intake.counters.items() if count},
+            "set_aside": {
+                str(cause): count for cause, count in pipeline.intake.counters.items() if count
+            },
             "frames": {str(origin): count for origin, count in identity.counters.items() if count},
             "damage": damage | {str(c): n for c, n in pipeline.decoder.counters.items() if n},
             "altitude": altitude,

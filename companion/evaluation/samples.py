@@ -10,11 +10,13 @@ from companion.samples import Kind, Rows, SampleLog, Verdict
 from companion.settings import CompanionSettings
 
 BOOT_US = 1 << 50
-"""added for each boot to the times of truth, so that every instant of a log with several boots is a different one"""
+"""added for each boot to the times of truth, so that every instant of a log with several boots is a
+different one"""
 
 
 class _Tap:
-    """An observer that keeps every sample as the estimator gets it, with truth and the autopilot's own beside."""
+    """An observer that keeps every sample as the estimator gets it, with truth and the autopilot's
+    own beside."""
 
     def __init__(self) -> None:
         self.log = SampleLog()
@@ -36,7 +38,9 @@ class _Tap:
 
 
 def samples_of(
-    path: Path, settings: CompanionSettings | None = None, on_progress: Callable[[float], None] | None = None
+    path: Path,
+    settings: CompanionSettings | None = None,
+    on_progress: Callable[[float], None] | None = None,
 ) -> SampleLog:
     """The samples of a log, placed and screened as live ones are. Raises `LogFormatError`.
 

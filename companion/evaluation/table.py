@@ -33,5 +33,7 @@ def show(found: Comparison) -> None:
         table.add_column(column, justify="right")
     for result in found.results:
         values = (getattr(result, name) for name in COLUMNS.values())
-        table.add_row(result.label, *("" if math.isnan(value) else f"{value:.2f}" for value in values))
+        table.add_row(
+            result.label, *("" if math.isnan(value) else f"{value:.2f}" for value in values)
+        )
     Console(width=140).print(table)

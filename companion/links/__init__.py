@@ -1,4 +1,5 @@
-"""Links: bytes to and from an autopilot over serial, UDP, TCP or memory. One table, `SCHEMES`, drives parsing and help.
+"""Links: bytes to and from an autopilot over serial, UDP, TCP or memory. One table, `SCHEMES`,
+drives parsing and help.
 
     link = open_link("udpin:0.0.0.0:14550")
     while True:
@@ -20,7 +21,17 @@ from companion.links import urls
 from companion.links.base import Link, LinkState, Statistics
 from companion.links.urls import Endpoint
 
-__all__ = ["SCHEMES", "Endpoint", "Link", "LinkState", "Scheme", "Statistics", "help_text", "open_link", "parse_url"]
+__all__ = [
+    "SCHEMES",
+    "Endpoint",
+    "Link",
+    "LinkState",
+    "Scheme",
+    "Statistics",
+    "help_text",
+    "open_link",
+    "parse_url",
+]
 
 UDP_PORT = 14550
 TCP_PORT = 5760
@@ -42,7 +53,9 @@ class Scheme:
 
     def make(self, endpoint: Endpoint, clock: Clock) -> Link:
         module, _, name = self.maker.partition(":")
-        make: Callable[[Endpoint, Clock], Link] = getattr(import_module(f"{__name__}.{module}"), name)
+        make: Callable[[Endpoint, Clock], Link] = getattr(
+            import_module(f"{__name__}.{module}"), name
+        )
         return make(endpoint, clock)
 
 
@@ -104,7 +117,9 @@ _SCHEMES = (
 )
 
 SCHEMES: Mapping[str, Scheme] = {scheme.name: scheme for scheme in _SCHEMES}
-_SPELLINGS = {spelling: scheme for scheme in _SCHEMES for spelling in (scheme.name, *scheme.aliases)}
+_SPELLINGS = {
+    spelling: scheme for scheme in _SCHEMES for spelling in (scheme.name, *scheme.aliases)
+}
 
 
 def parse_url(url: str) -> Endpoint:
@@ -116,15 +131,20 @@ def parse_url(url: str) -> Endpoint:
     scheme = _SPELLINGS.get(name)
     if scheme is None:
         known = ", ".join(SCHEMES)
-        raise LinkError(f"link {url!r} has an unknown scheme {name!r}; use the path of a serial port, or {known}")
+        raise LinkError(
+            f"link {url!r} has an unknown scheme {name!r}; use the path of a serial port, or {known}"
+        )
     try:
         return scheme.parse(scheme.name, rest)
     except ValueError as error:
-        raise LinkError(f"link {url!r} {error}; write {scheme.syntax}, for example {scheme.example}") from error
+        raise LinkError(
+            f"link {url!r} {error}; write {scheme.syntax}, for example {scheme.example}"
+        ) from error
 
 
 def open_link(url: str, clock: Clock | None = None) -> Link:
-    """Open a link. `LinkError` when the URL, the address or the port cannot be used; a missing peer is no error."""
+    """Open a link. `LinkError` when the URL, the address or the port cannot be used; a missing peer
+    is no error."""
     endpoint = parse_url(url)
     try:
         return SCHEMES[endpoint.scheme].make(endpoint, clock or SystemClock())

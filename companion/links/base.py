@@ -13,7 +13,8 @@ log = logging.getLogger("kollsman.links")
 
 
 class LinkState(Enum):
-    """Whether somebody is at the other end, as far as the last `Link.receive` or `Link.send` could tell."""
+    """Whether somebody is at the other end, as far as the last `Link.receive` or `Link.send` could
+    tell."""
 
     OPEN = "open"
     """a peer was heard, a connection or a port is there"""
@@ -55,16 +56,19 @@ class Link(Protocol):
         ...
 
     def send(self, data: bytes) -> bool:
-        """Hand whole frames to the link, without blocking. False: dropped, nobody is there or cannot keep up."""
+        """Hand whole frames to the link, without blocking. False: dropped, nobody is there or
+        cannot keep up."""
         ...
 
     def close(self) -> None:
-        """Give everything back. Closing twice is fine; a closed link receives b"" and drops what is sent."""
+        """Give everything back. Closing twice is fine; a closed link receives b"" and drops what is
+        sent."""
         ...
 
 
 class BaseLink(ABC):
-    """Counters, state changes (the only thing logged) and closing, around three short methods of a transport."""
+    """Counters, state changes (the only thing logged) and closing, around three short methods of a
+    transport."""
 
     def __init__(self, url: str, clock: Clock) -> None:
         self.url = url
@@ -107,7 +111,9 @@ class BaseLink(ABC):
         """Nobody is there any more: LOST, unless there never was."""
         if self._state is LinkState.OPEN:
             self._state = LinkState.LOST
-            log.log(logging.INFO if self._closed else logging.WARNING, "%s: lost (%s)", self.url, why)
+            log.log(
+                logging.INFO if self._closed else logging.WARNING, "%s: lost (%s)", self.url, why
+            )
 
     @abstractmethod
     def _receive(self, timeout_s: float) -> bytes: ...
@@ -120,7 +126,8 @@ class BaseLink(ABC):
 
 
 class Backoff:
-    """When to try again: at once, then after `first_s`, doubling to `longest_s`; success starts it over."""
+    """When to try again: at once, then after `first_s`, doubling to `longest_s`; success starts it
+    over."""
 
     def __init__(self, clock: Clock, first_s: float = 0.2, longest_s: float = 5.0) -> None:
         self._clock = clock

@@ -1,6 +1,7 @@
 """Links within one process: `pair` for tests, ``memory:NAME`` for two ends that know only a name.
 
-Nothing here waits in the kernel: time passes on the link's clock, so a manual clock makes a whole run deterministic.
+Nothing here waits in the kernel: time passes on the link's clock, so a manual clock makes a whole
+run deterministic.
 """
 
 from collections import deque
@@ -27,7 +28,9 @@ class MemoryLink(BaseLink):
         self._queue: deque[bytes] = deque()
         room = _rooms.setdefault(self._name, [])
         if len(room) == 2:
-            raise LinkError(f"{endpoint}: already in use by two ends; close one or choose another name")
+            raise LinkError(
+                f"{endpoint}: already in use by two ends; close one or choose another name"
+            )
         room.append(self)
         for end in room if len(room) == 2 else ():
             end._found("both ends are there")

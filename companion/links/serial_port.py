@@ -1,4 +1,5 @@
-"""Serial ports: a UART, a USB cable, a telemetry radio, a pseudo-terminal. Unplugged, it is reopened under its path."""
+"""Serial ports: a UART, a USB cable, a telemetry radio, a pseudo-terminal. Unplugged, it is
+reopened under its path."""
 
 import contextlib
 import errno
@@ -17,11 +18,14 @@ from companion.links.urls import Endpoint
 try:
     import termios
 except ImportError as error:
-    raise LinkError("serial links need Linux or macOS; on Windows use udpin:, tcp: or WSL") from error
+    raise LinkError(
+        "serial links need Linux or macOS; on Windows use udpin:, tcp: or WSL"
+    ) from error
 
 
 class _Port:
-    """pyserial sets the port up and locks it; reading and writing its file directly takes what is there at once."""
+    """pyserial sets the port up and locks it; reading and writing its file directly takes what is
+    there at once."""
 
     def __init__(self, device: str, baud: int) -> None:
         try:
@@ -31,7 +35,9 @@ class _Port:
         except ValueError as error:  # a baud rate that this hardware cannot do
             raise OSError(errno.EINVAL, str(error)) from error
         with contextlib.suppress(OSError, ValueError, NotImplementedError):
-            self._serial.set_low_latency_mode(True)  # FTDI chips hold bytes back for 16 ms otherwise
+            self._serial.set_low_latency_mode(
+                True
+            )  # FTDI chips hold bytes back for 16 ms otherwise
 
     def fileno(self) -> int:
         return self._serial.fileno()
@@ -47,8 +53,8 @@ class _Port:
 
 
 class SerialLink(StreamLink):
-    """A port that must be there at the start; afterwards it may go and come. Prefer /dev/serial/by-id/...: a replugged
-    /dev/ttyACM0 can come back as ttyACM1."""
+    """A port that must be there at the start; afterwards it may go and come. Prefer
+    /dev/serial/by-id/...: a replugged /dev/ttyACM0 can come back as ttyACM1."""
 
     def __init__(self, endpoint: Endpoint, clock: Clock) -> None:
         super().__init__(str(endpoint), clock)

@@ -12,8 +12,11 @@ Address = tuple[Any, ...]
 """(host, port), or the four of IPv6."""
 
 
-def resolve(endpoint: Endpoint, kind: socket.SocketKind) -> list[tuple[socket.AddressFamily, Address]]:
-    """Family and address of a host, IPv4 first: that is what MAVLink programs on "localhost" listen on."""
+def resolve(
+    endpoint: Endpoint, kind: socket.SocketKind
+) -> list[tuple[socket.AddressFamily, Address]]:
+    """Family and address of a host, IPv4 first: that is what MAVLink programs on "localhost" listen
+    on."""
     try:
         found = socket.getaddrinfo(endpoint.address, endpoint.number, type=kind)
     except (OSError, UnicodeError) as error:
@@ -33,7 +36,9 @@ def listener(endpoint: Endpoint, kind: socket.SocketKind) -> socket.socket:
         raise LinkError(_explain(endpoint, error)) from error
     try:
         bound.setblocking(False)
-        if kind == socket.SOCK_STREAM:  # on UDP it would let two programs share a port and steal from each other
+        if (
+            kind == socket.SOCK_STREAM
+        ):  # on UDP it would let two programs share a port and steal from each other
             bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         bound.bind(address)
         if kind == socket.SOCK_STREAM:

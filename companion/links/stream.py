@@ -1,4 +1,5 @@
-"""Links over a byte stream that comes and goes (serial, TCP): dial, read, notice the end, dial again."""
+"""Links over a byte stream that comes and goes (serial, TCP): dial, read, notice the end, dial
+again."""
 
 import contextlib
 from abc import abstractmethod
@@ -20,7 +21,8 @@ class Stream(Protocol):
 
 
 class StreamLink(BaseLink):
-    """A link over one `Stream` at a time: dials, reads, notices the end, dials again. A transport brings `_dial`."""
+    """A link over one `Stream` at a time: dials, reads, notices the end, dials again. A transport
+    brings `_dial`."""
 
     def __init__(self, url: str, clock: Clock, backoff: Backoff | None = None) -> None:
         super().__init__(url, clock)
@@ -30,7 +32,8 @@ class StreamLink(BaseLink):
 
     @abstractmethod
     def _dial(self, timeout_s: float) -> Stream | None:
-        """One connected stream; None when there is none after `timeout_s`; OSError when this attempt failed."""
+        """One connected stream; None when there is none after `timeout_s`; OSError when this
+        attempt failed."""
 
     def _connected(self, stream: Stream, who: str) -> None:
         self._stream = stream
@@ -86,8 +89,8 @@ class StreamLink(BaseLink):
         return data
 
     def _send(self, data: bytes) -> bool:
-        """All of `data` or none: half a frame would cost the receiver the next one too, so a rest that does not fit
-        into the kernel's buffer now goes out before anything else later."""
+        """All of `data` or none: half a frame would cost the receiver the next one too, so a rest
+        that does not fit into the kernel's buffer now goes out before anything else later."""
         if self._stream is None:
             return False
         try:

@@ -17,7 +17,13 @@ SILENCE_S = 5.0
 
 def _tuned(connection: socket.socket) -> socket.socket:
     """Small frames at once; a peer that vanished without a word is an error after some 11 s."""
-    options = {"TCP_NODELAY": 1, "TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3, "TCP_USER_TIMEOUT": 11_000}
+    options = {
+        "TCP_NODELAY": 1,
+        "TCP_KEEPIDLE": 5,
+        "TCP_KEEPINTVL": 2,
+        "TCP_KEEPCNT": 3,
+        "TCP_USER_TIMEOUT": 11_000,
+    }
     try:
         connection.setblocking(False)
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -33,8 +39,9 @@ def _tuned(connection: socket.socket) -> socket.socket:
 class TcpClient(StreamLink):
     """Calls until somebody answers, and again when they hang up.
 
-    The name is looked up anew for every call, because a restarted container has a new address; a host with several
-    addresses is called on each in turn. While DNS is out, looking up a name (never a numeric address) can block.
+    The name is looked up anew for every call, because a restarted container has a new address; a
+    host with several addresses is called on each in turn. While DNS is out, looking up a name
+    (never a numeric address) can block.
     """
 
     def __init__(self, endpoint: Endpoint, clock: Clock) -> None:
@@ -43,7 +50,9 @@ class TcpClient(StreamLink):
         self._calling: socket.socket | None = None
         self._give_up_us = 0
         self._calls = 0
-        resolve(endpoint, socket.SOCK_STREAM)  # a host that does not exist: an error now, an outage later
+        resolve(
+            endpoint, socket.SOCK_STREAM
+        )  # a host that does not exist: an error now, an outage later
 
     def _dial(self, timeout_s: float) -> Stream | None:
         """A call outlives this method: a short `receive` must not cut off a slow handshake."""
@@ -87,12 +96,15 @@ class TcpClient(StreamLink):
 
 
 class TcpServer(StreamLink):
-    """Serves one client. Another one waits in the queue until the first hangs up, or replaces it once it is silent."""
+    """Serves one client. Another one waits in the queue until the first hangs up, or replaces it
+    once it is silent."""
 
     def __init__(self, endpoint: Endpoint, clock: Clock) -> None:
         self._listener = listener(endpoint, socket.SOCK_STREAM)
         url = str(endpoint._replace(number=self._listener.getsockname()[1]))
-        super().__init__(url, clock, Backoff(clock, first_s=0.05, longest_s=0.05))  # it is the clients who wait
+        super().__init__(
+            url, clock, Backoff(clock, first_s=0.05, longest_s=0.05)
+        )  # it is the clients who wait
         self._heard_us = clock.now_us()
 
     def _dial(self, timeout_s: float) -> Stream | None:

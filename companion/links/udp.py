@@ -1,4 +1,5 @@
-"""UDP both ways: `UdpIn` waits for peers and answers them, `UdpOut` speaks first. One datagram a `receive`."""
+"""UDP both ways: `UdpIn` waits for peers and answers them, `UdpOut` speaks first. One datagram a
+`receive`."""
 
 import contextlib
 import socket
@@ -18,8 +19,9 @@ RECEIVE_BUFFER_SIZE = 1 << 20
 
 
 class UdpIn(BaseLink):
-    """Listens. Sends to every peer heard in the last 60 s, so that a vehicle that comes back from another port and
-    a ground station beside it both hear us; of more than 16 the longest silent is forgotten."""
+    """Listens. Sends to every peer heard in the last 60 s, so that a vehicle that comes back from
+    another port and a ground station beside it both hear us; of more than 16 the longest silent is
+    forgotten."""
 
     def __init__(self, endpoint: Endpoint, clock: Clock) -> None:
         self._socket = listener(endpoint, socket.SOCK_DGRAM)
@@ -68,8 +70,8 @@ class UdpIn(BaseLink):
 
 
 class UdpOut(BaseLink):
-    """Calls one host and port. OPEN once it answered; it is LOST when its computer says that nobody listens there
-    (ICMP port unreachable) or after 60 s of silence, and is called all the same."""
+    """Calls one host and port. OPEN once it answered; it is LOST when its computer says that nobody
+    listens there (ICMP port unreachable) or after 60 s of silence, and is called all the same."""
 
     def __init__(self, endpoint: Endpoint, clock: Clock) -> None:
         super().__init__(str(endpoint), clock)
@@ -83,7 +85,9 @@ class UdpOut(BaseLink):
         connected = socket.socket(self._family, socket.SOCK_DGRAM)
         connected.setblocking(False)
         connected.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_SIZE)
-        with contextlib.suppress(OSError):  # no route yet: sending says so too, and renews the socket
+        with contextlib.suppress(
+            OSError
+        ):  # no route yet: sending says so too, and renews the socket
             connected.connect(self._address)
         return connected
 
@@ -120,7 +124,8 @@ class UdpOut(BaseLink):
         return True
 
     def _renew(self) -> None:
-        """A connected socket keeps the source address of an interface that may be gone (Wi-Fi roamed): start anew."""
+        """A connected socket keeps the source address of an interface that may be gone (Wi-Fi
+        roamed): start anew."""
         if self._renewal.wait_s() <= 0.0:
             self._renewal.failed()
             with contextlib.suppress(OSError):  # out of file descriptors: keep the old one

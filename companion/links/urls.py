@@ -1,6 +1,8 @@
-"""Link URLs in the spellings of pymavlink, MAVSDK, mavros, mavp2p and mavlink-server, and their one canonical form.
+"""Link URLs in the spellings of pymavlink, MAVSDK, mavros, mavp2p and mavlink-server, and their one
+canonical form.
 
-The parsers raise ValueError with the reason; `companion.links.parse_url` adds the URL and what was expected.
+The parsers raise ValueError with the reason; `companion.links.parse_url` adds the URL and what was
+expected.
 """
 
 import ipaddress
@@ -42,12 +44,15 @@ def split(url: str) -> tuple[str, str]:
         return "serial", url
     scheme, colon, rest = url.partition(":")
     if not colon:
-        raise ValueError("is neither a serial port such as /dev/ttyACM0 nor a URL such as udpin:0.0.0.0:14550")
+        raise ValueError(
+            "is neither a serial port such as /dev/ttyACM0 nor a URL such as udpin:0.0.0.0:14550"
+        )
     return scheme.lower(), rest
 
 
 def host_port(scheme: str, rest: str, *, default_port: int, listens: bool) -> Endpoint:
-    """``HOST:PORT``, ``//HOST:PORT/``, ``HOST``, ``[IPV6]:PORT``; for a listener also ``:PORT``, ``PORT``, nothing."""
+    """``HOST:PORT``, ``//HOST:PORT/``, ``HOST``, ``[IPV6]:PORT``; for a listener also ``:PORT``,
+    ``PORT``, nothing."""
     match = _HOST_PORT.fullmatch(rest.removeprefix("//").removesuffix("/"))
     if not match:
         raise ValueError("is not HOST:PORT (an IPv6 address goes in brackets, as in [::1]:14550)")
@@ -62,7 +67,11 @@ def host_port(scheme: str, rest: str, *, default_port: int, listens: bool) -> En
         host = host.lower()
     if not host and not listens:
         raise ValueError("names no host to call")
-    port = default_port if port_text is None else _number(port_text, "port number", 0 if listens else 1, 65535)
+    port = (
+        default_port
+        if port_text is None
+        else _number(port_text, "port number", 0 if listens else 1, 65535)
+    )
     return Endpoint(scheme, host or "0.0.0.0", port)
 
 
@@ -112,6 +121,7 @@ def _number(text: str, what: str, low: int, high: int) -> int:
 
 
 def _usual_baud(device: str) -> int:
-    """115200 where USB goes all the way to the autopilot (it ignores the number), else what telemetry ports use."""
+    """115200 where USB goes all the way to the autopilot (it ignores the number), else what
+    telemetry ports use."""
     by_id = "/by-id/usb-" in device and "-port" not in device  # FTDI and friends end in -port0
     return USB_BAUD if by_id or "ttyACM" in device or "usbmodem" in device else UART_BAUD

@@ -44,11 +44,14 @@ class Format(NamedTuple):
     writer: Callable[[Path], LogWriter] | None
     help: str
     magic: bytes = b""
-    """how every file of this kind begins; a format without one is recognised by suffix, or by trying"""
+    """how every file of this kind begins; a format without one is recognised by suffix, or by
+    trying"""
 
 
 FORMATS = {
-    "tlog": Format((".tlog",), TlogReader, TlogWriter, "MAVLink telemetry log of a ground station or companion"),
+    "tlog": Format(
+        (".tlog",), TlogReader, TlogWriter, "MAVLink telemetry log of a ground station or companion"
+    ),
 }
 
 

@@ -7,11 +7,14 @@ from companion.clock import Clock
 from companion.samples import Packet
 
 
-def paced(packets: Iterable[Packet], clock: Clock, speed: float = 1.0, max_gap_s: float = 5.0) -> Iterator[Packet]:
+def paced(
+    packets: Iterable[Packet], clock: Clock, speed: float = 1.0, max_gap_s: float = 5.0
+) -> Iterator[Packet]:
     """`packets`, each handed out when `clock` says that its time has come.
 
-    `speed` 2 plays twice as fast, ``math.inf`` without waiting. A step of the log's time of more than `max_gap_s`
-    counts as `max_gap_s`, a step back as none. A consumer that falls behind is not held up until it has caught up.
+    `speed` 2 plays twice as fast, ``math.inf`` without waiting. A step of the log's time of more
+    than `max_gap_s` counts as `max_gap_s`, a step back as none. A consumer that falls behind is not
+    held up until it has caught up.
 
     Raises ValueError unless speed > 0.
     """
@@ -20,7 +23,9 @@ def paced(packets: Iterable[Packet], clock: Clock, speed: float = 1.0, max_gap_s
     return iter(packets) if math.isinf(speed) else _paced(packets, clock, speed, max_gap_s)
 
 
-def _paced(packets: Iterable[Packet], clock: Clock, speed: float, max_gap_s: float) -> Iterator[Packet]:
+def _paced(
+    packets: Iterable[Packet], clock: Clock, speed: float, max_gap_s: float
+) -> Iterator[Packet]:
     start_us = clock.now_us()
     played_us = 0  # of the log's time, gaps shortened
     last_us: int | None = None

@@ -1,18 +1,21 @@
-"""Telemetry logs (.tlog): one record a frame, a big-endian 64-bit UNIX time in microseconds and then the frame's bytes.
+"""Telemetry logs (.tlog): one record a frame, a big-endian 64-bit UNIX time in microseconds and
+then the frame's bytes.
 
-There is no header, no index and no checksum around a record, and what ground stations leave behind is often damaged:
-junk at the start, zeros where the disk was full, a last frame cut short, a clock that was never set. So `TlogReader`
-trusts as little as it needs to:
+There is no header, no index and no checksum around a record, and what ground stations leave behind
+is often damaged: junk at the start, zeros where the disk was full, a last frame cut short, a clock
+that was never set. So `TlogReader` trusts as little as it needs to:
 
-- Records that follow each other without a gap are taken at their word; the time may step either way, and a clock that
-  says 1970 or 2908 is passed on as it is. Only a time after the year 3000 is refused, with its frame.
-- A frame that fails where a record was due is skipped by its length when it is whole but of another dialect, or when
-  the next record, or nothing, follows it.
-- Otherwise the reader is lost and looks for the next frame with a good checksum whose time is within a day of its
-  neighbours': the last good record and the one behind it. That keeps it from inventing frames out of junk, and
-  from making a time out of junk for a real one.
+- Records that follow each other without a gap are taken at their word; the time may step either
+  way, and a clock that says 1970 or 2908 is passed on as it is. Only a time after the year 3000 is
+  refused, with its frame.
+- A frame that fails where a record was due is skipped by its length when it is whole but of another
+  dialect, or when the next record, or nothing, follows it.
+- Otherwise the reader is lost and looks for the next frame with a good checksum whose time is
+  within a day of its neighbours': the last good record and the one behind it. That keeps it from
+  inventing frames out of junk, and from making a time out of junk for a real one.
 
-Ground stations built on pymavlink keep a link number in the lowest two bits of the time; it is left there.
+Ground stations built on pymavlink keep a link number in the lowest two bits of the time; it is left
+there.
 """
 
 import math
@@ -38,8 +41,14 @@ _PROBE_BYTES = 1 << 24
 _FLUSH_US = 1_000_000
 
 _OTHER_FILES = (
-    (b"\xa3\x95", "an ArduPilot dataflash log (.bin); use the ground station's .tlog of that flight"),
-    (b"FMT,", "an ArduPilot dataflash log in text (.log); use the ground station's .tlog of that flight"),
+    (
+        b"\xa3\x95",
+        "an ArduPilot dataflash log (.bin); use the ground station's .tlog of that flight",
+    ),
+    (
+        b"FMT,",
+        "an ArduPilot dataflash log in text (.log); use the ground station's .tlog of that flight",
+    ),
     (b"ULog", "a PX4 log (.ulg); use the ground station's .tlog of that flight"),
     (b"\xd4\xc3\xb2\xa1", "a network capture (pcap); record a .tlog instead"),
     (b"\x0a\x0d\x0d\x0a", "a network capture (pcapng); record a .tlog instead"),
@@ -51,10 +60,12 @@ _OTHER_FILES = (
 
 
 class TlogReader:
-    """The good frames of a tlog in file order, as `Packet`. Every iteration starts anew; one at a time.
+    """The good frames of a tlog in file order, as `Packet`. Every iteration starts anew; one at a
+    time.
 
-    ``counters`` tell what was left out in the current iteration: JUNK in bytes (all that was skipped to find the next
-    record), the other causes in frames. The memory used does not depend on the size of the file.
+    ``counters`` tell what was left out in the current iteration: JUNK in bytes (all that was
+    skipped to find the next record), the other causes in frames. The memory used does not depend on
+    the size of the file.
 
     Raises `LogFormatError` when the file cannot be read or has no good frame in its first 16 MB.
     """
@@ -107,10 +118,16 @@ class TlogReader:
                 buffer = buffer[offset:]
 
     def _recover(self, buffer: bytes, offset: int, limit: int, cause: Cause | None) -> int:
-        """Where to go on when no good frame is where one was due; with `cause` None the file ends inside it."""
+        """Where to go on when no good frame is where one was due; with `cause` None the file ends
+        inside it."""
         end = offset + _STAMP.size + extent(buffer, offset + _STAMP.size)
         certain = cause in FOREIGN or end == len(buffer) or _record_time_us(buffer, end) is not None
-        if cause is not None and cause is not Cause.JUNK and certain and _time_us(buffer, offset) is not None:
+        if (
+            cause is not None
+            and cause is not Cause.JUNK
+            and certain
+            and _time_us(buffer, offset) is not None
+        ):
             self.counters[cause] += 1
             return end
         found = self._find(buffer, offset, limit)
@@ -123,7 +140,8 @@ class TlogReader:
         return end
 
     def _find(self, buffer: bytes, offset: int, limit: int) -> int | None:
-        """The next record that begins at or after `offset` and before `limit`, if there is one to believe in."""
+        """The next record that begins at or after `offset` and before `limit`, if there is one to
+        believe in."""
         at = next_start(buffer, offset + _STAMP.size)
         while at - _STAMP.size < limit and at < len(buffer):
             frame = scan(buffer, at)
@@ -137,11 +155,14 @@ class TlogReader:
         return None
 
     def _is_believable(self, buffer: bytes, offset: int, end: int) -> bool:
-        """Whether the time at `offset` is near that of the last good record, or of the record that follows at `end`."""
+        """Whether the time at `offset` is near that of the last good record, or of the record that
+        follows at `end`."""
         time_us = _time_us(buffer, offset)
         if time_us is None:
             return False
-        neighbours = [time for time in (self._time_us, _record_time_us(buffer, end)) if time is not None]
+        neighbours = [
+            time for time in (self._time_us, _record_time_us(buffer, end)) if time is not None
+        ]
         if not neighbours:
             return end == len(buffer)
         return any(abs(time_us - neighbour) <= _NEIGHBOUR_US for neighbour in neighbours)
@@ -159,7 +180,8 @@ class TlogReader:
 class TlogWriter:
     """Writes a tlog that other ground stations can play, replacing the file if there is one.
 
-    A killed process loses at most the last second. Raises `LogFormatError` when the file cannot be written.
+    A killed process loses at most the last second. Raises `LogFormatError` when the file cannot be
+    written.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -168,7 +190,9 @@ class TlogWriter:
         try:
             self._file = self.path.open("wb")
         except FileNotFoundError as error:
-            raise LogFormatError(f"{self.path}: the folder {self.path.parent} does not exist: create it") from error
+            raise LogFormatError(
+                f"{self.path}: the folder {self.path.parent} does not exist: create it"
+            ) from error
         except OSError as error:
             raise self._failure(error) from error
 
@@ -206,7 +230,8 @@ def _time_us(buffer: bytes, offset: int) -> int | None:
 
 
 def _record_time_us(buffer: bytes, offset: int) -> int | None:
-    """The time of the record that seems to begin at `offset`, judged by its time and start byte alone."""
+    """The time of the record that seems to begin at `offset`, judged by its time and start byte
+    alone."""
     at = offset + _STAMP.size
     return _time_us(buffer, offset) if at < len(buffer) and next_start(buffer, at) == at else None
 
@@ -238,7 +263,9 @@ def _describe(head: bytes, counters: Counter[Cause]) -> str:
             return f"it looks like {name}"
     if not head.strip(b"\0"):
         return "it begins with nothing but zeros"
-    if (two := b"".join(frame.data for frame in Decoder(datagrams=True).feed(head)[:2])) and two in head:
+    if (
+        two := b"".join(frame.data for frame in Decoder(datagrams=True).feed(head)[:2])
+    ) and two in head:
         return "it holds MAVLink frames without times (a raw capture); record a .tlog instead"
     if counters[Cause.TIMESTAMP]:
         return "its frames have impossible times (after the year 3000)"

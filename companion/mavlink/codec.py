@@ -1,19 +1,21 @@
-"""MAVLink bytes <-> messages. No I/O, and no data makes it raise: what is not a frame is counted by `Cause`.
+"""MAVLink bytes <-> messages. No I/O, and no data makes it raise: what is not a frame is counted by
+`Cause`.
 
 Resynchronisation
 -----------------
 Losing real frames and inventing frames are the two ways to be wrong after a damaged byte. What decides here:
 
 - A frame whose checksum is right is a frame.
-- A frame of another dialect (see `framing`) with a start byte or nothing behind it is skipped by its length, so that
-  its payload cannot be mistaken for frames.
-- Everything else that looks like a start is not one. The search goes on one byte later, so that a stray 0xFD swallows
-  none of the good frames behind it. If none turns up before its claimed end it was a damaged frame and counts as one;
-  otherwise its bytes were junk.
+- A frame of another dialect (see `framing`) with a start byte or nothing behind it is skipped by
+  its length, so that its payload cannot be mistaken for frames.
+- Everything else that looks like a start is not one. The search goes on one byte later, so that a
+  stray 0xFD swallows none of the good frames behind it. If none turns up before its claimed end it
+  was a damaged frame and counts as one; otherwise its bytes were junk.
 
-The frames found do not depend on how the stream was cut into chunks. The price: a stray start byte holds back the
-frames behind it until its claimed length (280 bytes at most) has arrived. On a live link, `Decoder.flush` when the line
-has been silent for longer than a frame lasts, or use ``Decoder(datagrams=True)`` where a packet holds whole frames.
+The frames found do not depend on how the stream was cut into chunks. The price: a stray start byte
+holds back the frames behind it until its claimed length (280 bytes at most) has arrived. On a live
+link, `Decoder.flush` when the line has been silent for longer than a frame lasts, or use
+``Decoder(datagrams=True)`` where a packet holds whole frames.
 """
 
 from collections import Counter
@@ -39,17 +41,28 @@ from companion.mavlink.framing import (
     scan,
 )
 
-__all__ = ["MAX_FRAME_SIZE", "Cause", "Decoder", "Encoder", "Frame", "Message", "decode", "mavlink", "scan"]
+__all__ = [
+    "MAX_FRAME_SIZE",
+    "Cause",
+    "Decoder",
+    "Encoder",
+    "Frame",
+    "Message",
+    "decode",
+    "mavlink",
+    "scan",
+]
 
 Message: TypeAlias = Any
-"""A pymavlink message: ``get_type()``, ``get_srcSystem()``, its fields as attributes in MAVLink's own units."""
+"""A pymavlink message: ``get_type()``, ``get_srcSystem()``, its fields as attributes in MAVLink's
+own units."""
 
 
 class Decoder:
     """Cuts a stream of bytes into frames, and counts what was none.
 
-    With ``datagrams=True`` every `feed` is complete in itself: a frame cut at the end of one is dropped, and delays
-    nothing in the next.
+    With ``datagrams=True`` every `feed` is complete in itself: a frame cut at the end of one is
+    dropped, and delays nothing in the next.
     """
 
     def __init__(self, *, datagrams: bool = False) -> None:
@@ -57,13 +70,15 @@ class Decoder:
         self.frames = 0
         self._datagrams = datagrams
         self._rest = b""
-        # The failed start whose claimed extent is being searched: why it failed, its length, and what is left of that.
+        # The failed start whose claimed extent is being searched: why it failed, its length, and
+        # what is left of that.
         self._suspect: Cause | None = None
         self._suspect_size = 0
         self._suspect_left = 0
 
     def feed(self, data: bytes) -> list[Frame]:
-        """The frames that are complete now. At most `MAX_FRAME_SIZE` bytes are kept for the next call."""
+        """The frames that are complete now. At most `MAX_FRAME_SIZE` bytes are kept for the next
+        call."""
         return self._cut(self._rest + data, final=self._datagrams)
 
     def flush(self) -> list[Frame]:
@@ -102,7 +117,8 @@ class Decoder:
         return frames
 
     def _pass(self, buffer: bytes, offset: int, cause: Cause, *, final: bool) -> int | None:
-        """Count what is at `offset` and return where to go on; None when the next byte must be known first."""
+        """Count what is at `offset` and return where to go on; None when the next byte must be
+        known first."""
         if cause in FOREIGN:
             end = offset + extent(buffer, offset)
             if end == len(buffer) and not final:
@@ -161,17 +177,21 @@ def _layout(message_id: int) -> _Layout:
 
 
 def decode(frame: Frame) -> Message | None:
-    """The message in `frame`, as pymavlink would give it (but twice as fast), or None when pymavlink refuses it."""
+    """The message in `frame`, as pymavlink would give it (but twice as fast), or None when
+    pymavlink refuses it."""
     data = frame.data
     length = data[1]
     head, flags = (V2_HEADER, (data[2], data[3])) if frame.version == 2 else (V1_HEADER, (0, 0))
     try:
         make, unpack, size, fields, numbers_only = _layout(frame.message_id)
-        # MAVLink 2 does not send the zeros at the end of a payload, MAVLink 1 not the extension fields.
+        # MAVLink 2 does not send the zeros at the end of a payload, MAVLink 1 not the extension
+        # fields.
         values = unpack(data[head : head + length].ljust(size, b"\0"))
         arguments = [values[index] for index in fields]
         message = make(*(arguments if numbers_only else map(_field, arguments)))
-    except Exception:  # whatever a generated constructor may raise, a frame from outside must not stop us
+    except (
+        Exception
+    ):  # whatever a generated constructor may raise, a frame from outside must not stop us
         return None
     message._header = mavlink.MAVLink_header(
         frame.message_id, *flags, length, frame.sequence, frame.system_id, frame.component_id
@@ -195,7 +215,8 @@ class Encoder:
         self._mav = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=component_id)
 
     def encode(self, message: Message, version: int = 2) -> bytes:
-        """The frame in MAVLink `version` 1 or 2; ``b""`` if MAVLink 1 cannot carry the message (ids above 255).
+        """The frame in MAVLink `version` 1 or 2; ``b""`` if MAVLink 1 cannot carry the message (ids
+        above 255).
 
         Raises struct.error for a value that its field cannot hold: a bug of the caller, not data.
         """
@@ -207,7 +228,8 @@ class Encoder:
 
 
 def _without_extensions(data: bytes) -> bytes:
-    """MAVLink 1 has no extension fields, and old receivers refuse a frame that is too long; pymavlink sends them."""
+    """MAVLink 1 has no extension fields, and old receivers refuse a frame that is too long;
+    pymavlink sends them."""
     size = V1_LENGTHS[data[5]].start
     if data[1] <= size:
         return data

@@ -1,8 +1,8 @@
 """MAVLink messages -> readings in SI units: the only file that knows MAVLink's units and sentinels.
 
-A converter returns `Reading`s: the kind, the instance, the values in the order of the kind's dtype, and the time stamp
-with its base. Placing that stamp on the vehicle's clock is the work of `companion.intake`. Every float of a reading is
-finite or NaN, whatever the message holds.
+A converter returns `Reading`s: the kind, the instance, the values in the order of the kind's dtype,
+and the time stamp with its base. Placing that stamp on the vehicle's clock is the work of
+`companion.intake.rows`. Every float of a reading is finite or NaN, whatever the message holds.
 """
 
 import math
@@ -49,9 +49,11 @@ def scaled_pressure(message: Message, instance: int) -> Readings:
 
 
 def gps_raw(message: Message, instance: int) -> Readings:
-    """GPS_RAW_INT, GPS2_RAW: every extension field uses 0 for absent; eph, epv are DOP x 100, 65535 unknown.
+    """GPS_RAW_INT, GPS2_RAW: every extension field uses 0 for absent; eph, epv are DOP x 100, 65535
+    unknown.
 
-    GPS_RAW_INT has no vertical speed. A position of exactly 0, 0 is a receiver that does not know where it is.
+    GPS_RAW_INT has no vertical speed. A position of exactly 0, 0 is a receiver that does not know
+    where it is.
     """
     nowhere = message.lat == 0 and message.lon == 0
     values = (
@@ -75,7 +77,12 @@ def gps_raw(message: Message, instance: int) -> Readings:
 
 def attitude(message: Message) -> Readings:
     """ATTITUDE: already in radians, forward-right-down."""
-    values = (_finite(message.roll), _finite(message.pitch), _finite(message.yaw), _body_rates(message))
+    values = (
+        _finite(message.roll),
+        _finite(message.pitch),
+        _finite(message.yaw),
+        _body_rates(message),
+    )
     return (Reading(Kind.ATTITUDE, TimeBase.BOOT, message.time_boot_ms * 1000, 0, values),)
 
 
@@ -95,11 +102,18 @@ def attitude_quaternion(message: Message) -> Readings:
 
 def distance_sensor(message: Message) -> Readings:
     """DISTANCE_SENSOR: centimetres; out of its own range, or of quality 1, it saw nothing."""
-    seen = message.min_distance <= message.current_distance <= message.max_distance and message.signal_quality != 1
-    distance_m = message.current_distance * 0.01 if seen and message.current_distance > 0 else math.nan
+    seen = (
+        message.min_distance <= message.current_distance <= message.max_distance
+        and message.signal_quality != 1
+    )
+    distance_m = (
+        message.current_distance * 0.01 if seen and message.current_distance > 0 else math.nan
+    )
     downward = int(message.orientation == mavlink.MAV_SENSOR_ROTATION_PITCH_270)
     values = (distance_m, downward)
-    return (Reading(Kind.RANGE, TimeBase.BOOT, message.time_boot_ms * 1000, message.id % 4, values),)
+    return (
+        Reading(Kind.RANGE, TimeBase.BOOT, message.time_boot_ms * 1000, message.id % 4, values),
+    )
 
 
 def heartbeat(message: Message) -> Readings:
@@ -111,11 +125,14 @@ def heartbeat(message: Message) -> Readings:
 def extended_sys_state(message: Message) -> Readings:
     """EXTENDED_SYS_STATE: on the ground or in the air."""
     on_ground = {mavlink.MAV_LANDED_STATE_ON_GROUND: 1, mavlink.MAV_LANDED_STATE_UNDEFINED: -1}
-    return (Reading(Kind.STATUS, TimeBase.NONE, 0, 0, (-1, on_ground.get(message.landed_state, 0), 0)),)
+    return (
+        Reading(Kind.STATUS, TimeBase.NONE, 0, 0, (-1, on_ground.get(message.landed_state, 0), 0)),
+    )
 
 
 def system_time(message: Message) -> Readings:
-    """SYSTEM_TIME: nothing but the boot clock, for vehicles whose other stamps may count from anything."""
+    """SYSTEM_TIME: nothing but the boot clock, for vehicles whose other stamps may count from
+    anything."""
     return (Reading(Kind.STATUS, TimeBase.BOOT, message.time_boot_ms * 1000, 0, (-1, -1, 0)),)
 
 
@@ -134,24 +151,30 @@ def imu_milli_g(message: Message, instance: int) -> Readings:
 
 
 def raw_imu(message: Message, accelerometer_scale: float) -> Readings:
-    """RAW_IMU: int16 in the unit of the autopilot's choice; rates are mrad/s wherever accelerations are scaled."""
+    """RAW_IMU: int16 in the unit of the autopilot's choice; rates are mrad/s wherever accelerations
+    are scaled."""
     values = _inertial(message, accelerometer_scale)
     return (Reading(Kind.IMU, TimeBase.EITHER, message.time_usec, 0, values),)
 
 
 def highres_imu(message: Message) -> Readings:
-    """HIGHRES_IMU: SI, and hPa (old PX4: Pa). ``fields_updated`` says which are new; 0 from senders that leave it."""
+    """HIGHRES_IMU: SI, and hPa (old PX4: Pa). ``fields_updated`` says which are new; 0 from senders
+    that leave it."""
     updated = message.fields_updated or 0xFFFF
     readings: list[Reading] = []
     if updated & 0x3F:
         force = (_finite(message.xacc), _finite(message.yacc), _finite(message.zacc))
         rate = (_finite(message.xgyro), _finite(message.ygyro), _finite(message.zgyro))
-        readings.append(Reading(Kind.IMU, TimeBase.EITHER, message.time_usec, message.id % 4, (force, rate)))
+        readings.append(
+            Reading(Kind.IMU, TimeBase.EITHER, message.time_usec, message.id % 4, (force, rate))
+        )
     if updated & 0x200 and message.abs_pressure > 0:
         pressure_pa = message.abs_pressure * (100.0 if message.abs_pressure < 2000.0 else 1.0)
         die_k = _finite(message.temperature + ZERO_CELSIUS_K) if updated & 0x1000 else math.nan
         values = (_finite(pressure_pa), die_k, 0)
-        readings.append(Reading(Kind.PRESSURE, TimeBase.EITHER, message.time_usec, message.id % 4, values))
+        readings.append(
+            Reading(Kind.PRESSURE, TimeBase.EITHER, message.time_usec, message.id % 4, values)
+        )
     return tuple(readings)
 
 
@@ -214,5 +237,6 @@ def _known_u16(value: int, scale: float) -> float:
 
 
 def _dop(value: int) -> float:
-    """Dilution of precision; 0 and 65535 are unknown. 99.99 is what a receiver without a solution says: hopeless."""
+    """Dilution of precision; 0 and 65535 are unknown. 99.99 is what a receiver without a solution
+    says: hopeless."""
     return value * 0.01 if value not in (0, UNKNOWN_U16) else math.nan

@@ -1,9 +1,11 @@
-"""What a MAVLink frame is: where it ends, and whether its checksum is right. Pure functions of bytes.
+"""What a MAVLink frame is: where it ends, and whether its checksum is right. Pure functions of
+bytes.
 
-A frame begins with 0xFD (MAVLink 2) or 0xFE (MAVLink 1) and carries its length, so it can be cut out unread. Its
-checksum covers everything but the first byte, and ends with one byte that is not sent: CRC_EXTRA, a hash of the
-message's definition. So a frame that fails can still tell whether it was damaged, or is whole and of another dialect:
-then its checksum is right with some other CRC_EXTRA (which one damaged frame in 256 is by chance).
+A frame begins with 0xFD (MAVLink 2) or 0xFE (MAVLink 1) and carries its length, so it can be cut
+out unread. Its checksum covers everything but the first byte, and ends with one byte that is not
+sent: CRC_EXTRA, a hash of the message's definition. So a frame that fails can still tell whether it
+was damaged, or is whole and of another dialect: then its checksum is right with some other
+CRC_EXTRA (which one damaged frame in 256 is by chance).
 """
 
 import re
@@ -24,10 +26,14 @@ _START = re.compile(rb"[\xfd\xfe]")
 
 
 def _v1_lengths(kind: Any) -> range:
-    """From the size without extensions (fields with a default, last on the wire) to the size with them."""
+    """From the size without extensions (fields with a default, last on the wire) to the size with
+    them."""
     count = len(kind.fieldnames) - len(kind.__init__.__defaults__ or ())
     codes = kind.native_format.decode().lstrip("<")[:count]
-    base = "".join(f"{length or 1}{code}" for code, length in zip(codes, kind.array_lengths[:count], strict=True))
+    base = "".join(
+        f"{length or 1}{code}"
+        for code, length in zip(codes, kind.array_lengths[:count], strict=True)
+    )
     return range(struct.calcsize("<" + base), kind.unpacker.size + 1)
 
 
@@ -35,7 +41,9 @@ mcrf4xx: Callable[..., int] = crc16.mcrf4xx
 _CRC_TABLE = [mcrf4xx(bytes([value]), 0) for value in range(256)]
 _CRC_STEPS = frozenset(_CRC_TABLE)
 CRC_EXTRA: dict[int, int] = {number: kind.crc_extra for number, kind in mavlink.mavlink_map.items()}
-V1_LENGTHS: dict[int, range] = {number: _v1_lengths(kind) for number, kind in mavlink.mavlink_map.items()}
+V1_LENGTHS: dict[int, range] = {
+    number: _v1_lengths(kind) for number, kind in mavlink.mavlink_map.items()
+}
 """Payload lengths by message id. They must fit, or MAVLink 1 finds a frame in every 2 MB of noise."""
 
 
@@ -79,7 +87,8 @@ FOREIGN = frozenset({Cause.DIALECT, Cause.UNKNOWN_ID})
 
 
 def extent(buffer: bytes, offset: int) -> int:
-    """The length in bytes which the start byte at `offset` claims for its frame (all there is, if unknowable)."""
+    """The length in bytes which the start byte at `offset` claims for its frame (all there is, if
+    unknowable)."""
     available = len(buffer) - offset
     if available >= 3 and buffer[offset] == V2:
         signature = SIGNATURE if buffer[offset + 2] & _SIGNED else 0
@@ -90,7 +99,8 @@ def extent(buffer: bytes, offset: int) -> int:
 
 
 def scan(buffer: bytes, offset: int = 0) -> Frame | Cause | None:
-    """What begins at `offset`: a frame, the reason why none does, or None when that takes more bytes."""
+    """What begins at `offset`: a frame, the reason why none does, or None when that takes more
+    bytes."""
     available = len(buffer) - offset
     if available <= 0:
         return None
@@ -99,7 +109,9 @@ def scan(buffer: bytes, offset: int = 0) -> Frame | Cause | None:
         return Cause.JUNK
     if available < 3:
         return None
-    version, header, flags = (2, V2_HEADER, buffer[offset + 2]) if start == V2 else (1, V1_HEADER, 0)
+    version, header, flags = (
+        (2, V2_HEADER, buffer[offset + 2]) if start == V2 else (1, V1_HEADER, 0)
+    )
     if flags & ~_SIGNED:
         return Cause.FLAGS
     length = buffer[offset + 1]
@@ -114,16 +126,21 @@ def scan(buffer: bytes, offset: int = 0) -> Frame | Cause | None:
         sequence, system_id, component_id, message_id = buffer[offset + 2 : offset + header]
 
     crc = mcrf4xx(buffer[offset + 1 : body])
-    # The last step of the checksum is table[(crc ^ extra) & 255] ^ crc >> 8, with CRC_EXTRA the byte that is not sent.
+    # The last step of the checksum is table[(crc ^ extra) & 255] ^ crc >> 8, with CRC_EXTRA the
+    # byte that is not sent.
     step = (buffer[body] | buffer[body + 1] << 8) ^ crc >> 8
     if step not in _CRC_STEPS:
         return Cause.CRC
     extra = CRC_EXTRA.get(message_id)
     if extra is None:
         return Cause.UNKNOWN_ID
-    if _CRC_TABLE[(crc ^ extra) & 0xFF] != step or (version == 1 and length not in V1_LENGTHS[message_id]):
+    if _CRC_TABLE[(crc ^ extra) & 0xFF] != step or (
+        version == 1 and length not in V1_LENGTHS[message_id]
+    ):
         return Cause.DIALECT
-    return Frame(buffer[offset:end], message_id, system_id, component_id, sequence, version, bool(flags))
+    return Frame(
+        buffer[offset:end], message_id, system_id, component_id, sequence, version, bool(flags)
+    )
 
 
 def next_start(buffer: bytes, offset: int) -> int:

@@ -1,9 +1,9 @@
 """Who speaks: the vehicle we are latched to, another program with our ids, or somebody else.
 
-One vehicle is latched for the life of the process: the first component whose HEARTBEAT names a real autopilot. Ground
-stations, gimbals, companions that call themselves quadrotors (autopilot INVALID) and second vehicles are strangers:
-what they send is counted and never measured. Once the vehicle has sent signed frames, unsigned ones with its ids are
-forged.
+One vehicle is latched for the life of the process: the first component whose HEARTBEAT names a real
+autopilot. Ground stations, gimbals, companions that call themselves quadrotors (autopilot INVALID)
+and second vehicles are strangers: what they send is counted and never measured. Once the vehicle
+has sent signed frames, unsigned ones with its ids are forged.
 """
 
 import logging
@@ -73,8 +73,13 @@ class Identity:
         return Origin.VEHICLE
 
     def offer(self, frame: Frame, heartbeat: Message) -> bool:
-        """Latch the sender of a HEARTBEAT if none is latched and it is an autopilot; True when that happened now."""
-        if self.vehicle is not None or self._wanted not in (None, frame.system_id) or frame.system_id == 0:
+        """Latch the sender of a HEARTBEAT if none is latched and it is an autopilot; True when that
+        happened now."""
+        if (
+            self.vehicle is not None
+            or self._wanted not in (None, frame.system_id)
+            or frame.system_id == 0
+        ):
             return False
         if not is_autopilot(heartbeat):
             return False
@@ -91,7 +96,10 @@ class Identity:
 
 def is_autopilot(heartbeat: Message) -> bool:
     """Whether a HEARTBEAT is of a vehicle's autopilot, not of a ground station or an accessory."""
-    return bool(heartbeat.autopilot != mavlink.MAV_AUTOPILOT_INVALID and heartbeat.type != mavlink.MAV_TYPE_GCS)
+    return bool(
+        heartbeat.autopilot != mavlink.MAV_AUTOPILOT_INVALID
+        and heartbeat.type != mavlink.MAV_TYPE_GCS
+    )
 
 
 def autopilot_name(autopilot: int) -> str:

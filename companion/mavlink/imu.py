@@ -1,10 +1,10 @@
 """Which of the vehicle's IMU messages to believe, and in which unit.
 
-The same primary IMU may be sent as HIGHRES_IMU, SCALED_IMU and RAW_IMU. The first of these that was accepted within
-two seconds is used. RAW_IMU is in mG from ArduPilot (whatever the XML says), in mm/s2 from others by custom; of a
-generic autopilot, the scale that fits gravity. A source is accepted once the median of its specific force over ten
-seconds is near 1 g, and for as long as that stays what a vehicle can bear, so that wrong units or a dead accelerometer
-never reach an estimator.
+The same primary IMU may be sent as HIGHRES_IMU, SCALED_IMU and RAW_IMU. The first of these that was
+accepted within two seconds is used. RAW_IMU is in mG from ArduPilot (whatever the XML says), in
+mm/s2 from others by custom; of a generic autopilot, the scale that fits gravity. A source is
+accepted once the median of its specific force over ten seconds is near 1 g, and for as long as that
+stays what a vehicle can bear, so that wrong units or a dead accelerometer never reach an estimator.
 """
 
 import math
@@ -28,7 +28,8 @@ GRAVITY_SPACING_US = 100_000
 KNOWN_AFTER_US = 5_000_000
 LOWEST_G, HIGHEST_G = 0.8, 1.25
 LOWEST_BORNE_G, HIGHEST_BORNE_G = 0.2, 8.0
-"""for seconds on end, once gravity has been seen: 1.4 g in a turn at 45 degrees of bank, 1.6 on a fighter's runway"""
+"""for seconds on end, once gravity has been seen: 1.4 g in a turn at 45 degrees of bank, 1.6 on a
+fighter's runway"""
 RAW_SCALES = {
     mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: MILLI_G,
     mavlink.MAV_AUTOPILOT_PX4: MILLI_MPS2,
@@ -36,14 +37,16 @@ RAW_SCALES = {
 
 
 class GravityCheck:
-    """Whether the median |specific force| of ten seconds (sampled at 10 Hz) has been about 1 g, and is bearable now."""
+    """Whether the median |specific force| of ten seconds (sampled at 10 Hz) has been about 1 g, and
+    is bearable now."""
 
     def __init__(self) -> None:
         self._window: deque[tuple[int, float]] = deque()
         self._plausible = False
 
     def accepts(self, time_us: int, force_mps2: float) -> bool:
-        """Add a magnitude and say whether the source is plausible now; a clock that went back starts anew."""
+        """Add a magnitude and say whether the source is plausible now; a clock that went back
+        starts anew."""
         if not math.isfinite(force_mps2):
             return False
         window = self._window
@@ -55,8 +58,12 @@ class GravityCheck:
             while time_us - window[0][0] > GRAVITY_WINDOW_US:
                 window.popleft()
             known = self._plausible and time_us - window[0][0] >= KNOWN_AFTER_US
-            lowest_g, highest_g = (LOWEST_BORNE_G, HIGHEST_BORNE_G) if known else (LOWEST_G, HIGHEST_G)
-            self._plausible = lowest_g * G0_MPS2 <= median(force for _, force in window) <= highest_g * G0_MPS2
+            lowest_g, highest_g = (
+                (LOWEST_BORNE_G, HIGHEST_BORNE_G) if known else (LOWEST_G, HIGHEST_G)
+            )
+            self._plausible = (
+                lowest_g * G0_MPS2 <= median(force for _, force in window) <= highest_g * G0_MPS2
+            )
         return self._plausible
 
 
@@ -81,7 +88,8 @@ class ImuSelector:
             return True
         self._heard_us[rank] = time_us
         return not any(
-            better < rank and abs(time_us - heard_us) < SOURCE_TIMEOUT_US for better, heard_us in self._heard_us.items()
+            better < rank and abs(time_us - heard_us) < SOURCE_TIMEOUT_US
+            for better, heard_us in self._heard_us.items()
         )
 
     def raw_imu(self, message: Message, autopilot: int) -> tuple[Reading, ...]:

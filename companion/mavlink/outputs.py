@@ -1,6 +1,8 @@
-"""What we tell the vehicle and its ground stations: ALTITUDE, the DEBUG family, STATUSTEXT, HEARTBEAT.
+"""What we tell the vehicle and its ground stations: ALTITUDE, the DEBUG family, STATUSTEXT,
+HEARTBEAT.
 
-ALTITUDE replaces the altitude that QGroundControl shows the pilot, so it is right or it is not sent. Its fields:
+ALTITUDE replaces the altitude that QGroundControl shows the pilot, so it is right or it is not
+sent. Its fields:
 
 ====================  ==========================================================================================
 altitude_monotonic    standard-atmosphere height above the first accepted pressure; joined without a step across a
@@ -13,7 +15,8 @@ bottom_clearance
 time_usec             vehicle boot time of the estimate
 ====================  ==========================================================================================
 
-An altitude that leaps further than a vehicle can is withheld until it comes back or has stayed there for two seconds.
+An altitude that leaps further than a vehicle can is withheld until it comes back or has stayed
+there for two seconds.
 """
 
 import math
@@ -22,9 +25,9 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from companion.atmosphere import baro_altitude_m, qnh_pa
 from companion.config import Settings
 from companion.health import Health
+from companion.kernels.atmosphere import baro_altitude_m, qnh_pa
 from companion.mavlink.codec import Message, mavlink
 from companion.samples import Kind, Rows, Verdict
 
@@ -70,7 +73,8 @@ class Schedule:
         self._due_us: int | None = None
 
     def takes(self, now_us: int) -> bool:
-        """Whether an update at `now_us` is due; if so its slot is used up. A clock that went back starts anew."""
+        """Whether an update at `now_us` is due; if so its slot is used up. A clock that went back
+        starts anew."""
         due_us = self._due_us
         if due_us is None or now_us >= due_us or now_us < due_us - 2 * self._period_us:
             behind = due_us is None or now_us >= due_us + self._period_us or now_us < due_us
@@ -89,19 +93,24 @@ class Monotonic:
         self._time_us = 0
 
     def update(self, boots: int, instance: int, time_us: int, pressure_pa: float) -> bool:
-        """Take an accepted pressure, unless it is of another barometer while the one followed is alive.
+        """Take an accepted pressure, unless it is of another barometer while the one followed is
+        alive.
 
-        A reboot, a barometer that takes over from one that fell silent, and a jump of one that recovered from a fault
-        are joined to where the altitude was.
+        A reboot, a barometer that takes over from one that fell silent, and a jump of one that
+        recovered from a fault are joined to where the altitude was.
         """
         source, elapsed_s = (boots, instance), (time_us - self._time_us) * 1e-6
-        is_other = self._source is not None and self._source[0] == boots and self._source[1] != instance
+        is_other = (
+            self._source is not None and self._source[0] == boots and self._source[1] != instance
+        )
         if is_other and elapsed_s <= TAKEOVER_S:
             return False
         baro_m = baro_altitude_m(pressure_pa)
         if math.isnan(self.altitude_m):
             self._offset_m = -baro_m
-        elif source != self._source or abs(baro_m + self._offset_m - self.altitude_m) > _reach_m(elapsed_s, TAKEOVER_S):
+        elif source != self._source or abs(baro_m + self._offset_m - self.altitude_m) > _reach_m(
+            elapsed_s, TAKEOVER_S
+        ):
             self._offset_m = self.altitude_m - baro_m
         self.altitude_m = baro_m + self._offset_m
         self._source, self._time_us = source, time_us
@@ -158,7 +167,8 @@ class Outputs:
         self.restart()
 
     def restart(self) -> None:
-        """The vehicle booted: home, arming point and local origin are void; the monotonic altitude goes on."""
+        """The vehicle booted: home, arming point and local origin are void; the monotonic altitude
+        goes on."""
         self._boots += 1
         self._local_origin_m = math.nan
         self._home_m = math.nan
@@ -202,14 +212,22 @@ class Outputs:
         """ALTITUDE, when one is due and may be sent."""
         altitude_m = float(estimate[0]["altitude_amsl_m"])
         time_us = int(estimate[0]["time_us"])
-        if health is Health.LOST or not math.isfinite(altitude_m) or self._leap.withholds(time_us, altitude_m):
+        if (
+            health is Health.LOST
+            or not math.isfinite(altitude_m)
+            or self._leap.withholds(time_us, altitude_m)
+        ):
             return None
         if math.isnan(self._local_origin_m):
             self._local_origin_m = altitude_m
         if self.settings.altitude == "never":
             return None
         heard_us = self._vehicle_altitude_us
-        if self.settings.altitude == "auto" and heard_us is not None and abs(now_us - heard_us) < VEHICLE_ALTITUDE_US:
+        if (
+            self.settings.altitude == "auto"
+            and heard_us is not None
+            and abs(now_us - heard_us) < VEHICLE_ALTITUDE_US
+        ):
             return None
         if time_us < 0 or not self._altitude_slots.takes(time_us):
             return None
@@ -245,7 +263,9 @@ class Outputs:
             _named(boot_ms, "klBaroOff", float(value["baro_offset_m"])),
             _named(boot_ms, "klQnhHpa", qnh_hpa),
             mavlink.MAVLink_debug_message(boot_ms, 0, sd_m),
-            mavlink.MAVLink_debug_vect_message(b"kollsman", now_us, altitude_m, _single(climb_mps), sd_m),
+            mavlink.MAVLink_debug_vect_message(
+                b"kollsman", now_us, altitude_m, _single(climb_mps), sd_m
+            ),
             mavlink.MAVLink_debug_float_array_message(now_us, b"klState", 0, state_floats(state)),
         ]
         return messages
@@ -267,17 +287,27 @@ class Outputs:
 def heartbeat(health: Health) -> Message:
     """Our own HEARTBEAT: an onboard controller, no autopilot; CRITICAL while the altitude is lost."""
     return mavlink.MAVLink_heartbeat_message(
-        mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, SYSTEM_STATUS[health], 3
+        mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
+        mavlink.MAV_AUTOPILOT_INVALID,
+        0,
+        0,
+        SYSTEM_STATUS[health],
+        3,
     )
 
 
 def state_floats(state: Rows) -> list[float]:
-    """The floats of an estimator's state in the order of its dtype, histories left out; 58 of them, zero-filled."""
+    """The floats of an estimator's state in the order of its dtype, histories left out; 58 of them,
+    zero-filled."""
     fields = (state.dtype.fields or {}).items()
     scalars = [
-        name for name, (kind, *_) in fields if kind.kind == "f" or (kind.base.kind == "f" and kind.shape[0] <= 16)
+        name
+        for name, (kind, *_) in fields
+        if kind.kind == "f" or (kind.base.kind == "f" and kind.shape[0] <= 16)
     ]
-    values = np.concatenate([np.ravel(state[name][0]) for name in scalars]) if scalars else np.zeros(0)
+    values = (
+        np.concatenate([np.ravel(state[name][0]) for name in scalars]) if scalars else np.zeros(0)
+    )
     padded = np.zeros(FLOAT_ARRAY_SIZE)
     padded[: min(values.size, FLOAT_ARRAY_SIZE)] = values[:FLOAT_ARRAY_SIZE]
     return [_single(float(value)) for value in padded]
@@ -285,7 +315,11 @@ def state_floats(state: Rows) -> list[float]:
 
 def _single(value: float) -> float:
     """A float that a message can hold: what is too large for single precision is infinite."""
-    return value if math.isnan(value) or abs(value) <= LARGEST_FLOAT else math.copysign(math.inf, value)
+    return (
+        value
+        if math.isnan(value) or abs(value) <= LARGEST_FLOAT
+        else math.copysign(math.inf, value)
+    )
 
 
 def _named(boot_ms: int, name: str, value: float) -> Message:

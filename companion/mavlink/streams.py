@@ -1,7 +1,8 @@
 """Asking the vehicle for the messages that the estimator needs.
 
-Once a vehicle is latched, SET_MESSAGE_INTERVAL goes out once for each message, one at a time: the next when the last
-was acknowledged, again when it was not. Nothing is written to the vehicle's parameters, and a refusal is only logged.
+Once a vehicle is latched, SET_MESSAGE_INTERVAL goes out once for each message, one at a time: the
+next when the last was acknowledged, again when it was not. Nothing is written to the vehicle's
+parameters, and a refusal is only logged.
 """
 
 import logging
@@ -20,14 +21,17 @@ logger = logging.getLogger("kollsman.streams")
 ACK_TIMEOUT_US = 1_000_000
 ATTEMPTS = 4
 SET_MESSAGE_INTERVAL = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
-RESULTS = {value.name[len("MAV_RESULT_") :]: key for key, value in mavlink.enums["MAV_RESULT"].items()}
+RESULTS = {
+    value.name[len("MAV_RESULT_") :]: key for key, value in mavlink.enums["MAV_RESULT"].items()
+}
 
 
 class StreamSettings(Settings):
     """Section ``streams``: rates to ask for; 0 asks for nothing."""
 
     request: bool = True
-    """ask once with SET_MESSAGE_INTERVAL for what the estimator uses; nothing is saved in the vehicle"""
+    """ask once with SET_MESSAGE_INTERVAL for what the estimator uses; nothing is saved in the
+    vehicle"""
     pressure_hz: float = Field(20.0, ge=0, le=200)
     """SCALED_PRESSURE"""
     gnss_hz: float = Field(5.0, ge=0, le=50)
@@ -55,7 +59,9 @@ class Request:
 def wanted(settings: StreamSettings, uses: Collection[Kind], autopilot: int) -> list[Request]:
     """What to ask for: the kinds that the estimator uses, and what places and labels them."""
     imu_id = (
-        mavlink.MAVLINK_MSG_ID_HIGHRES_IMU if autopilot == mavlink.MAV_AUTOPILOT_PX4 else mavlink.MAVLINK_MSG_ID_RAW_IMU
+        mavlink.MAVLINK_MSG_ID_HIGHRES_IMU
+        if autopilot == mavlink.MAV_AUTOPILOT_PX4
+        else mavlink.MAVLINK_MSG_ID_RAW_IMU
     )
     table = [
         (Kind.PRESSURE, mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE, settings.pressure_hz),
@@ -66,7 +72,11 @@ def wanted(settings: StreamSettings, uses: Collection[Kind], autopilot: int) -> 
         (None, mavlink.MAVLINK_MSG_ID_HOME_POSITION, settings.status_hz),
         (None, mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, settings.status_hz),
     ]
-    return [Request(message_id, hz) for kind, message_id, hz in table if (kind is None or kind in uses) and hz > 0]
+    return [
+        Request(message_id, hz)
+        for kind, message_id, hz in table
+        if (kind is None or kind in uses) and hz > 0
+    ]
 
 
 class StreamRequester:
@@ -119,12 +129,17 @@ class StreamRequester:
             return  # ask again when the answer is overdue
         elif message.result != mavlink.MAV_RESULT_IN_PROGRESS:
             self._refuse(
-                next((name for name, value in RESULTS.items() if value == message.result), str(message.result))
+                next(
+                    (name for name, value in RESULTS.items() if value == message.result),
+                    str(message.result),
+                )
             )
 
     def _refuse(self, why: str) -> None:
         request = self._queue[0]
-        logger.warning("the vehicle does not grant %s at %g Hz: %s", request.name, request.rate_hz, why)
+        logger.warning(
+            "the vehicle does not grant %s at %g Hz: %s", request.name, request.rate_hz, why
+        )
         self.refused.append((request, why))
         self._next()
 

@@ -3,12 +3,13 @@
     faulty(packets, [Drop(start_s=60, duration_s=10)], seed=1)     any iterable of packets
     Stream(faults, seed)                                           the same, packet by packet, for a live link
 
-A packet is one whole frame, as logs and the simulator have them. A fault touches the frames of one component (the
-autopilot's), edits them with a correct checksum, and leaves all others and their sequence numbers as they are. What it
-draws depends on its seed and on the packet alone: the same sample meets the same luck in a live run and in its log.
+A packet is one whole frame, as logs and the simulator have them. A fault touches the frames of one
+component (the autopilot's), edits them with a correct checksum, and leaves all others and their
+sequence numbers as they are. What it draws depends on its seed and on the packet alone: the same
+sample meets the same luck in a live run and in its log.
 
-`FAULTS` drives the scenario files, the command ``kollsman-sim corrupt`` and its list. A new fault is a class, and its
-name in `AnyFault`.
+`FAULTS` drives the scenario files, the command ``kollsman-sim corrupt`` and its list. A new fault
+is a class, and its name in `AnyFault`.
 """
 
 import difflib
@@ -43,7 +44,8 @@ AnyFault = Annotated[
 FAULTS: Mapping[str, type[Fault]] = {
     kind.model_fields["fault"].default: kind for kind in get_args(get_args(AnyFault)[0])
 }
-"""name -> its parameters (the model's fields), its help (the docstring), and how to make it (`Fault.effect`)"""
+"""name -> its parameters (the model's fields), its help (the docstring), and how to make it
+(`Fault.effect`)"""
 
 
 _V1, _V2 = bytes([V1]), bytes([V2])
@@ -63,7 +65,11 @@ class _Stage:
     def feed(self, packet: Packet, age_us: int) -> Iterable[Packet]:
         data = packet.data
         if data[:1] == _V2:  # `header`, without a call: every packet of a flight comes here
-            sequence, component_id, message_id = data[4], data[6], data[7] | data[8] << 8 | data[9] << 16
+            sequence, component_id, message_id = (
+                data[4],
+                data[6],
+                data[7] | data[8] << 8 | data[9] << 16,
+            )
         elif data[:1] == _V1:
             sequence, component_id, message_id = header(data)
         else:
@@ -73,7 +79,9 @@ class _Stage:
         if self._component and component_id != self._component:
             return (packet,)
         since_us = age_us - self._start_us
-        return self._feed(packet, Moment(message_id, sequence, since_us, 0 <= since_us < self._duration_us))
+        return self._feed(
+            packet, Moment(message_id, sequence, since_us, 0 <= since_us < self._duration_us)
+        )
 
 
 class Stream:
@@ -81,7 +89,10 @@ class Stream:
 
     def __init__(self, faults: Sequence[Fault], seed: int) -> None:
         self._stages = [
-            _Stage(fault, Dice(seed if fault.seed is None else fault.seed, type(fault).__name__, number))
+            _Stage(
+                fault,
+                Dice(seed if fault.seed is None else fault.seed, type(fault).__name__, number),
+            )
             for number, fault in enumerate(faults)
         ]
         self._holds = any(stage.holds for stage in self._stages)
@@ -98,7 +109,8 @@ class Stream:
         return packets
 
     def due(self, time_us: float) -> list[Packet]:
-        """What was held back until now. A live link asks for it in every tick; ``math.inf`` at the end gives all."""
+        """What was held back until now. A live link asks for it in every tick; ``math.inf`` at the
+        end gives all."""
         packets: list[Packet] = []
         if self._holds:
             for stage in self._stages:

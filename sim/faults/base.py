@@ -1,4 +1,5 @@
-"""What all faults have in common: when they act, on whose frames, with which dice, and how they hold packets back."""
+"""What all faults have in common: when they act, on whose frames, with which dice, and how they
+hold packets back."""
 
 import hashlib
 import heapq
@@ -26,7 +27,8 @@ _HALVES = struct.Struct("<QQ")
 
 
 class Dice:
-    """Random numbers that depend on a seed and on what they are for, not on how many were drawn before.
+    """Random numbers that depend on a seed and on what they are for, not on how many were drawn
+    before.
 
     So the same sample meets the same luck on every link of a vehicle, in a live run and in its log.
     """
@@ -71,7 +73,8 @@ class Moment:
 class Effect:
     """A fault at work on one stream. `ids` are the messages it wants to see; None is all of them.
 
-    `feed` takes every such packet, in the window or not, and says what goes on; `due` gives back what was held.
+    `feed` takes every such packet, in the window or not, and says what goes on; `due` gives back
+    what was held.
     """
 
     ids: frozenset[int] | None = None
@@ -85,7 +88,8 @@ class Effect:
 
 
 class Edit(Effect):
-    """Changes fields of some messages while the fault lasts, one sample at a time. False of `change` drops it."""
+    """Changes fields of some messages while the fault lasts, one sample at a time. False of
+    `change` drops it."""
 
     def __init__(self, ids: Iterable[int], change: Callable[[Editor, Moment], bool | None]) -> None:
         self.ids = frozenset(ids)
@@ -125,7 +129,8 @@ class Held:
 
 
 class Fault(Settings):
-    """The parameters of all faults. A subclass's first line is its help, its fields are its parameters."""
+    """The parameters of all faults. A subclass's first line is its help, its fields are its
+    parameters."""
 
     start_s: Seconds = 0.0
     """since the first packet of the stream"""
@@ -141,7 +146,8 @@ class Fault(Settings):
 
     @property
     def harms(self) -> Sensor:
-        """Whose readings are wrong, in the words of an estimator's field ``faulty``; NONE where no sensor is."""
+        """Whose readings are wrong, in the words of an estimator's field ``faulty``; NONE where no
+        sensor is."""
         return Sensor.NONE
 
     def effect(self, dice: Dice) -> Effect:

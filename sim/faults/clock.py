@@ -59,7 +59,8 @@ class _Reboot(Effect):
     def __init__(self, silence_us: int) -> None:
         self._silence_us = silence_us
         self._ahead_us: int | None = None
-        """of the boot clock on the time since the fault began: the most that was seen, so without any latency"""
+        """of the boot clock on the time since the fault began: the most that was seen, so without
+        any latency"""
         self._sequence = 0
 
     def feed(self, packet: Packet, moment: Moment) -> Iterable[Packet]:
@@ -86,4 +87,6 @@ class _Reboot(Effect):
             stamp_us = message[name] * size_us
             if 0 < stamp_us < _UNIX_US:
                 ahead_us = stamp_us - moment.since_us
-                self._ahead_us = ahead_us if self._ahead_us is None else max(self._ahead_us, ahead_us)
+                self._ahead_us = (
+                    ahead_us if self._ahead_us is None else max(self._ahead_us, ahead_us)
+                )

@@ -1,7 +1,9 @@
-"""A frame opened for editing: fields by name in MAVLink's units, closed again with the right length and checksum.
+"""A frame opened for editing: fields by name in MAVLink's units, closed again with the right length
+and checksum.
 
-What is not edited keeps its bytes: sender, sequence number and flags too. A signature cannot be made anew, so an edited
-frame is unsigned. MAVLink 2 frames lose the zeros at the end of their payload, as the protocol demands.
+What is not edited keeps its bytes: sender, sequence number and flags too. A signature cannot be
+made anew, so an edited frame is unsigned. MAVLink 2 frames lose the zeros at the end of their
+payload, as the protocol demands.
 """
 
 from functools import cache
@@ -36,14 +38,20 @@ class _Layout:
 
     def __init__(self, message_id: int) -> None:
         kind = mavlink.mavlink_map[message_id]
-        self.unpack, self.pack, self.size = kind.unpacker.unpack_from, kind.unpacker.pack, kind.unpacker.size
+        self.unpack, self.pack, self.size = (
+            kind.unpacker.unpack_from,
+            kind.unpacker.pack,
+            kind.unpacker.size,
+        )
         self.index: dict[str, int] = {}
         self.bounds: dict[str, tuple[int, int] | None] = {}
         """what an integer field can hold; None for a float"""
         at = 0
         for name, order in zip(kind.ordered_fieldnames, range(len(kind.lengths)), strict=True):
             self.index[name] = at
-            at += 1 if kind.fieldtypes[kind.fieldnames.index(name)] == "char" else kind.lengths[order]
+            at += (
+                1 if kind.fieldtypes[kind.fieldnames.index(name)] == "char" else kind.lengths[order]
+            )
             self.bounds[name] = _bounds(kind.fieldtypes[kind.fieldnames.index(name)])
         self.stamps = {name: STAMPS[name] for name in kind.fieldnames if name in STAMPS}
 
@@ -62,7 +70,8 @@ def layout(message_id: int) -> _Layout | None:
 
 
 class Editor:
-    """One frame of a message that the dialect has. Integer fields are rounded and end at what they can hold."""
+    """One frame of a message that the dialect has. Integer fields are rounded and end at what they
+    can hold."""
 
     def __init__(self, data: bytes, message_id: int) -> None:
         found = layout(message_id)
@@ -108,7 +117,8 @@ class Editor:
 
 
 def with_sequence(data: bytes, sequence: int) -> bytes:
-    """The frame with another sequence number; itself when it has that already, or when its dialect is unknown."""
+    """The frame with another sequence number; itself when it has that already, or when its dialect
+    is unknown."""
     found, is_v1 = header(data), data[0] == V1
     if found.sequence == sequence or found.message_id not in CRC_EXTRA:
         return data
@@ -122,4 +132,8 @@ def _sealed(head: bytearray, payload: bytes, message_id: int) -> bytes:
     if head[0] != V1:
         head[2] = 0  # unsigned
     body = bytes(head[1:]) + payload
-    return bytes(head[:1]) + body + mcrf4xx(body + bytes([CRC_EXTRA[message_id]])).to_bytes(CHECKSUM, "little")
+    return (
+        bytes(head[:1])
+        + body
+        + mcrf4xx(body + bytes([CRC_EXTRA[message_id]])).to_bytes(CHECKSUM, "little")
+    )

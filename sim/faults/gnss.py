@@ -20,7 +20,17 @@ Span = Annotated[float, Field(gt=0.0, le=1e5)]
 
 def _blind(message: Editor) -> None:
     """What an autopilot sends without a fix."""
-    for name in ("lat", "lon", "alt", "vel", "satellites_visible", "alt_ellipsoid", "h_acc", "v_acc", "vel_acc"):
+    for name in (
+        "lat",
+        "lon",
+        "alt",
+        "vel",
+        "satellites_visible",
+        "alt_ellipsoid",
+        "h_acc",
+        "v_acc",
+        "vel_acc",
+    ):
         message[name] = 0
     for name in ("eph", "epv", "cog"):
         message[name] = _UNKNOWN_U16
@@ -69,7 +79,8 @@ class Outage(ReceiverFault):
 
 
 class Jamming(ReceiverFault):
-    """A jammer comes near and goes: fewer satellites, noise, honest poor accuracy, and no fix where it is nearest."""
+    """A jammer comes near and goes: fewer satellites, noise, honest poor accuracy, and no fix where
+    it is nearest."""
 
     announced: ClassVar[bool] = True
 
@@ -86,7 +97,12 @@ class Jamming(ReceiverFault):
     def effect(self, dice: Dice) -> Effect:
         def change(message: Editor, moment: Moment) -> None:
             strength = max(
-                0.0, min(1.0, moment.since_s / self.ramp_s, (self.duration_s - moment.since_s) / self.ramp_s)
+                0.0,
+                min(
+                    1.0,
+                    moment.since_s / self.ramp_s,
+                    (self.duration_s - moment.since_s) / self.ramp_s,
+                ),
             )
             if strength > self.blind_above:
                 _blind(message)
@@ -96,7 +112,9 @@ class Jamming(ReceiverFault):
             north, east, up = (dice.normal(moment.since_us, axis) * sd_m for axis in range(3))
             _move(message, 0.5 * north, 0.5 * east, up)
             if message["satellites_visible"] != 255:
-                message["satellites_visible"] = max(4, message["satellites_visible"] * (1.0 - strength))
+                message["satellites_visible"] = max(
+                    4, message["satellites_visible"] * (1.0 - strength)
+                )
             for name in ("eph", "epv"):
                 if message[name] != _UNKNOWN_U16:
                     message[name] = min(message[name] * (1.0 + 4.0 * strength), _UNKNOWN_U16 - 1)
@@ -108,7 +126,8 @@ class Jamming(ReceiverFault):
 
 
 class Spoofing(ReceiverFault):
-    """The position is led away, slowly and with a clean conscience: the accuracies stay what they were."""
+    """The position is led away, slowly and with a clean conscience: the accuracies stay what they
+    were."""
 
     fault: Literal["spoofing"] = "spoofing"
     up_mps: Rate = 1.0
@@ -131,7 +150,9 @@ class Spoofing(ReceiverFault):
                 north = message["vel"] * 0.01 * math.cos(course) + self.north_mps
                 east = message["vel"] * 0.01 * math.sin(course) + self.east_mps
                 message["vel"] = math.hypot(north, east) * 100.0
-                message["cog"] = round(math.degrees(math.atan2(east, north)) % 360.0 * 100.0) % 36000
+                message["cog"] = (
+                    round(math.degrees(math.atan2(east, north)) % 360.0 * 100.0) % 36000
+                )
 
         return Edit({GPS}, change)
 
@@ -157,7 +178,11 @@ class _TwoDimensional(Effect):
     def feed(self, packet: Packet, moment: Moment) -> Iterable[Packet]:
         message = Editor(packet.data, moment.message_id)
         if not moment.active or not self._held:
-            self._held = {name: message[name] for name in self._HELD} if message["fix_type"] >= 3 else self._held
+            self._held = (
+                {name: message[name] for name in self._HELD}
+                if message["fix_type"] >= 3
+                else self._held
+            )
         if not moment.active or message["fix_type"] < 3:
             return (packet,)
         message["fix_type"], message["satellites_visible"] = 2, 3
@@ -167,7 +192,8 @@ class _TwoDimensional(Effect):
 
 
 class Slide(ReceiverFault):
-    """A 3D fix that is wrong by hundreds of metres and slides to the truth, while its accuracy admits it."""
+    """A 3D fix that is wrong by hundreds of metres and slides to the truth, while its accuracy
+    admits it."""
 
     announced: ClassVar[bool] = True
 

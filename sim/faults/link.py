@@ -1,6 +1,8 @@
-"""Faults of the way: packets lost, late, twice, or out of order. The frames themselves stay as they are.
+"""Faults of the way: packets lost, late, twice, or out of order. The frames themselves stay as they
+are.
 
-SIM_STATE has no time of its own but that of the frame before it, so the truth shares that frame's fate.
+SIM_STATE has no time of its own but that of the frame before it, so the truth shares that frame's
+fate.
 """
 
 from collections.abc import Iterable
@@ -17,7 +19,8 @@ class LinkFault(Fault):
     """The parameters of all faults of the way."""
 
     message: str = ""
-    """the name of the only message that is touched, and of the truth that follows it; empty is every message"""
+    """the name of the only message that is touched, and of the truth that follows it; empty is
+    every message"""
 
     @field_validator("message")
     @classmethod
@@ -28,7 +31,11 @@ class LinkFault(Fault):
 
     @property
     def ids(self) -> frozenset[int] | None:
-        return frozenset({getattr(mavlink, f"MAVLINK_MSG_ID_{self.message}")}) if self.message else None
+        return (
+            frozenset({getattr(mavlink, f"MAVLINK_MSG_ID_{self.message}")})
+            if self.message
+            else None
+        )
 
 
 class _Lottery(Effect):
@@ -146,7 +153,11 @@ class _Delay(_Lottery):
 
     def feed(self, packet: Packet, moment: Moment) -> Iterable[Packet]:
         if self.hits(moment):
-            extra_s = self._fault.jitter_s * self._dice.uniform(*moment.luck, 1) if self._fault.jitter_s else 0.0
+            extra_s = (
+                self._fault.jitter_s * self._dice.uniform(*moment.luck, 1)
+                if self._fault.jitter_s
+                else 0.0
+            )
             due_us = packet.time_us + round((self._fault.delay_s + extra_s) * 1e6)
         elif self._held and not self._only:  # the line is still busy with what it is late with
             due_us = packet.time_us

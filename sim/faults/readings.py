@@ -66,11 +66,18 @@ class _Lag(Effect):
     def __init__(self, fields: Mapping[int, tuple[str, ...]], lag_us: int) -> None:
         self.ids = frozenset(fields)
         self._fields, self._lag_us = fields, lag_us
-        self._readings: dict[int, deque[tuple[int, dict[str, Any]]]] = {each: deque() for each in fields}
+        self._readings: dict[int, deque[tuple[int, dict[str, Any]]]] = {
+            each: deque() for each in fields
+        }
 
     def feed(self, packet: Packet, moment: Moment) -> Iterable[Packet]:
-        message, readings = Editor(packet.data, moment.message_id), self._readings[moment.message_id]
-        readings.append((moment.since_us, {name: message[name] for name in self._fields[moment.message_id]}))
+        message, readings = (
+            Editor(packet.data, moment.message_id),
+            self._readings[moment.message_id],
+        )
+        readings.append(
+            (moment.since_us, {name: message[name] for name in self._fields[moment.message_id]})
+        )
         while len(readings) > 1 and readings[1][0] <= moment.since_us - self._lag_us:
             readings.popleft()
         if not moment.active:

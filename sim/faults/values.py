@@ -1,7 +1,9 @@
-"""Faults of a sensor's readings: frozen, spiking, stepping, drifting, noisy, in the wrong unit, behind a blocked port.
+"""Faults of a sensor's readings: frozen, spiking, stepping, drifting, noisy, in the wrong unit,
+behind a blocked port.
 
-They touch the vehicle's first sensor of a kind (SCALED_PRESSURE, GPS_RAW_INT, RAW_IMU, SCALED_IMU, HIGHRES_IMU): a
-second one stays well, and so does the autopilot's own estimate, which is made inside.
+They touch the vehicle's first sensor of a kind (SCALED_PRESSURE, GPS_RAW_INT, RAW_IMU, SCALED_IMU,
+HIGHRES_IMU): a second one stays well, and so does the autopilot's own estimate, which is made
+inside.
 """
 
 import math
@@ -52,20 +54,26 @@ class PressureAltitude(Quantity):
 
     def shift(self, message: Editor, by: float) -> None:
         for name, size in self.fields[message.message_id]:
-            ratio = max(0.0, message[name] * size / _P0_PA) ** _TROPOSPHERE - by * _LAPSE_KPM / _T0_K
+            ratio = (
+                max(0.0, message[name] * size / _P0_PA) ** _TROPOSPHERE - by * _LAPSE_KPM / _T0_K
+            )
             message[name] = _P0_PA * max(0.0, ratio) ** (1.0 / _TROPOSPHERE) / size
 
 
 def _inertial(kind: str, axis: str, milli: float) -> Quantity:
     fields = dict.fromkeys((RAW_IMU, SCALED_IMU), ((f"{axis}{kind}", milli),))
-    return Quantity("m/s2" if kind == "acc" else "rad/s", {**fields, HIGHRES_IMU: ((f"{axis}{kind}", 1.0),)})
+    return Quantity(
+        "m/s2" if kind == "acc" else "rad/s", {**fields, HIGHRES_IMU: ((f"{axis}{kind}", 1.0),)}
+    )
 
 
 _PRESSURES = {PRESSURE: (("press_abs", 100.0),), HIGHRES_IMU: (("abs_pressure", 100.0),)}
 QUANTITIES: Mapping[str, Quantity] = {
     "pressure": Quantity("Pa", _PRESSURES),
     "pressure_altitude": PressureAltitude("m", _PRESSURES),
-    "die_temperature": Quantity("K", {PRESSURE: (("temperature", 0.01),), HIGHRES_IMU: (("temperature", 1.0),)}),
+    "die_temperature": Quantity(
+        "K", {PRESSURE: (("temperature", 0.01),), HIGHRES_IMU: (("temperature", 1.0),)}
+    ),
     "gnss_height": Quantity("m", {GPS: (("alt", 1e-3), ("alt_ellipsoid", 1e-3))}),
     "gnss_speed": Quantity("m/s", {GPS: (("vel", 1e-2),)}),
     **{f"accel_{axis}": _inertial("acc", axis, _MG) for axis in _AXES},
@@ -86,7 +94,12 @@ SENSORS: Mapping[str, Mapping[int, tuple[str, ...]]] = {
 """All that one sensor says, without the time."""
 
 
-_OWNERS = {"pressure": Sensor.BAROMETER, "gnss": Sensor.GNSS, "accel": Sensor.IMU, "gyro": Sensor.IMU}
+_OWNERS = {
+    "pressure": Sensor.BAROMETER,
+    "gnss": Sensor.GNSS,
+    "accel": Sensor.IMU,
+    "gyro": Sensor.IMU,
+}
 
 
 def _owner(quantity: str) -> Sensor:
@@ -95,7 +108,8 @@ def _owner(quantity: str) -> Sensor:
 
 
 def _holds(message: Editor, name: str) -> bool:
-    """Whether a field holds a value: not a position without a fix, an extension that was not sent, a sentinel."""
+    """Whether a field holds a value: not a position without a fix, an extension that was not sent,
+    a sentinel."""
     if message.message_id == GPS:
         return bool(message["fix_type"] >= 2 and (name == "alt" or message[name] not in (0, 65535)))
     return True
@@ -143,7 +157,9 @@ class Ramp(ValueFault):
 
     def effect(self, dice: Dice) -> Effect:
         target = self.target
-        return Edit(target.fields, lambda message, moment: target.shift(message, self.rate * moment.since_s))
+        return Edit(
+            target.fields, lambda message, moment: target.shift(message, self.rate * moment.since_s)
+        )
 
 
 class Swing(ValueFault):
@@ -159,7 +175,9 @@ class Swing(ValueFault):
         target, rate_radps = self.target, math.tau / self.period_s
         return Edit(
             target.fields,
-            lambda message, moment: target.shift(message, self.size * math.sin(rate_radps * moment.since_s)),
+            lambda message, moment: target.shift(
+                message, self.size * math.sin(rate_radps * moment.since_s)
+            ),
         )
 
 
@@ -194,7 +212,9 @@ class Noise(ValueFault):
         target = self.target
         return Edit(
             target.fields,
-            lambda message, moment: target.shift(message, self.sd * dice.normal(moment.since_us, moment.message_id)),
+            lambda message, moment: target.shift(
+                message, self.sd * dice.normal(moment.since_us, moment.message_id)
+            ),
         )
 
 
@@ -213,8 +233,11 @@ class SwappedUnits(Fault):
     """A quantity is sent in the wrong unit."""
 
     fault: Literal["swapped_units"] = "swapped_units"
-    swap: Literal["pascal", "half_pressure", "feet", "metres_for_millimetres", "degrees", "mps2_for_g"] = "pascal"
-    """Pa for hPa, half the pressure, feet for metres, metres for millimetres, degrees for radians, or m/s2 for mG"""
+    swap: Literal[
+        "pascal", "half_pressure", "feet", "metres_for_millimetres", "degrees", "mps2_for_g"
+    ] = "pascal"
+    """Pa for hPa, half the pressure, feet for metres, metres for millimetres, degrees for radians,
+    or m/s2 for mG"""
 
     @property
     def harms(self) -> Sensor:
@@ -232,7 +255,8 @@ class SwappedUnits(Fault):
 
 
 class BlockedStaticPort(Fault):
-    """Ice or tape on the static port: the trapped pressure stays, or follows through a leak; the noise goes on."""
+    """Ice or tape on the static port: the trapped pressure stays, or follows through a leak; the
+    noise goes on."""
 
     fault: Literal["blocked_static_port"] = "blocked_static_port"
     leak_s: Annotated[float, Field(gt=0.0, le=1e5)] | None = None
@@ -247,25 +271,33 @@ class BlockedStaticPort(Fault):
 
 
 class _BlockedPort(Effect):
-    """The port's pressure is told from the sensor's noise by a critically damped filter without lag in a steady climb.
+    """The port's pressure is told from the sensor's noise by a critically damped filter without lag
+    in a steady climb.
 
-    The pitot tube goes on: what is measured against the static port (press_diff) is wrong by the same amount.
+    The pitot tube goes on: what is measured against the static port (press_diff) is wrong by the
+    same amount.
     """
 
     ids = frozenset({PRESSURE, HIGHRES_IMU})
-    _FIELDS: ClassVar = {PRESSURE: ("press_abs", "press_diff"), HIGHRES_IMU: ("abs_pressure", "diff_pressure")}
+    _FIELDS: ClassVar = {
+        PRESSURE: ("press_abs", "press_diff"),
+        HIGHRES_IMU: ("abs_pressure", "diff_pressure"),
+    }
     _SMOOTHING_S = 1.0
 
     def __init__(self, leak_s: float | None) -> None:
         self._leak_s = leak_s
         self._state: dict[int, tuple[int, float, float, float]] = {}
-        """by message: time of the last reading, pressure outside, its rate, pressure trapped inside (hPa)"""
+        """by message: time of the last reading, pressure outside, its rate, pressure trapped inside
+        (hPa)"""
 
     def feed(self, packet: Packet, moment: Moment) -> Iterable[Packet]:
         message = Editor(packet.data, moment.message_id)
         absolute, differential = self._FIELDS[moment.message_id]
         reading = message[absolute]
-        last_us, outside, rate, inside = self._state.get(moment.message_id, (moment.since_us, reading, 0.0, reading))
+        last_us, outside, rate, inside = self._state.get(
+            moment.message_id, (moment.since_us, reading, 0.0, reading)
+        )
         dt_s = (moment.since_us - last_us) * 1e-6
         if dt_s > 0.0:
             keep = math.exp(-dt_s / self._SMOOTHING_S)

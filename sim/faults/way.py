@@ -7,10 +7,15 @@ from sim.faults import Fault, Stream
 
 
 class Way:
-    """Stands in for a port's delivery: takes frames, hands packets with the time of their arrival on."""
+    """Stands in for a port's delivery: takes frames, hands packets with the time of their arrival
+    on."""
 
     def __init__(
-        self, faults: Sequence[Fault], seed: int, now_us: Callable[[], int], deliver: Callable[[Packet], bool]
+        self,
+        faults: Sequence[Fault],
+        seed: int,
+        now_us: Callable[[], int],
+        deliver: Callable[[Packet], bool],
     ) -> None:
         self._stream = Stream(faults, seed)
         self._now_us = now_us

@@ -1,9 +1,11 @@
 """Sensors, one file each, and what their random streams have in common.
 
-Every sensor draws from a stream of its own, keyed by its name: adding a sensor, changing its seed or its parameters
-leaves the samples of all others untouched. Within a sensor every noise process has its own stream too.
+Every sensor draws from a stream of its own, keyed by its name: adding a sensor, changing its seed
+or its parameters leaves the samples of all others untouched. Within a sensor every noise process
+has its own stream too.
 
-A sensor's parameters are its own defaults, changed by a ``preset`` (a line of its `PRESETS`), changed by the scenario.
+A sensor's parameters are its own defaults, changed by a ``preset`` (a line of its `PRESETS`),
+changed by the scenario.
 """
 
 import math
@@ -28,7 +30,8 @@ class SensorConfig(Settings):
     """name -> parameters of a real device"""
 
     preset: str = ""
-    """a real device, whose parameters take the place of the defaults; those given beside it count all the same"""
+    """a real device, whose parameters take the place of the defaults; those given beside it count
+    all the same"""
     seed: Annotated[int, Field(ge=0)] | None = None
     """of this sensor alone; without it, the flight's"""
 
@@ -36,7 +39,11 @@ class SensorConfig(Settings):
     @classmethod
     def _from_preset(cls, values: Any) -> Any:
         name = values.get("preset") if isinstance(values, dict) else None
-        return {**cls.PRESETS[name], **values} if isinstance(name, str) and name in cls.PRESETS else values
+        return (
+            {**cls.PRESETS[name], **values}
+            if isinstance(name, str) and name in cls.PRESETS
+            else values
+        )
 
     @field_validator("preset")
     @classmethod
@@ -47,7 +54,8 @@ class SensorConfig(Settings):
 
 
 def normals(seed: int, *names: str) -> Iterator[float]:
-    """Standard normal numbers for ever: the same for the same seed and names, independent of every other stream."""
+    """Standard normal numbers for ever: the same for the same seed and names, independent of every
+    other stream."""
     for block in normal_blocks(seed, *names):
         yield from block.tolist()
 
@@ -63,11 +71,14 @@ def normal_blocks(seed: int, *names: str) -> Iterator[NDArray[np.float64]]:
 class GaussMarkov:
     """First-order Gauss-Markov process, stationary from the start.
 
-    x(k+1) = a x(k) + sd sqrt(1 - a^2) n(k) with a = exp(-dt / time constant); autocovariance sd^2 exp(-|tau| / time
-    constant) [Gelb, Applied Optimal Estimation, 1974, eq. 3.8-29]. Exact for any spacing dt.
+    x(k+1) = a x(k) + sd sqrt(1 - a^2) n(k) with a = exp(-dt / time constant); autocovariance sd^2
+    exp(-|tau| / time constant) [Gelb, Applied Optimal Estimation, 1974, eq. 3.8-29]. Exact for any
+    spacing dt.
     """
 
-    def __init__(self, sd: float, time_constant_s: float, dt_s: float, noise: Iterator[float]) -> None:
+    def __init__(
+        self, sd: float, time_constant_s: float, dt_s: float, noise: Iterator[float]
+    ) -> None:
         self._keep = math.exp(-dt_s / time_constant_s)
         self._drive = sd * math.sqrt(1.0 - self._keep**2)
         self._noise = noise

@@ -2,24 +2,29 @@
 
 Defaults, and where they come from:
 
-- white noise 2.4 Pa (0.2 m): MS5611-01BA03 data sheet, resolution 1.2 Pa RMS at OSR 4096 and 2.7 Pa at OSR 1024;
-- slow wander 5 Pa over 300 s: quiet real barometers of data/real show 0.05-0.13 m over 1 s, and metres over
-  ten minutes, of which the weather is simulated separately;
+- white noise 2.4 Pa (0.2 m): MS5611-01BA03 data sheet, resolution 1.2 Pa RMS at OSR 4096 and 2.7 Pa
+  at OSR 1024;
+- slow wander 5 Pa over 300 s: quiet real barometers of data/real show 0.05-0.13 m over 1 s, and
+  metres over ten minutes, of which the weather is simulated separately;
 - turn-on bias sd 50 Pa: MS5611, accuracy +-150 Pa at 25 C and 750 hPa, read as three sigma;
 - lag 0.1 s: pneumatic lag of a short static line (0.05-0.2 s);
-- die 20 K above the air once warm, after minutes: measured boards run 10-30 K above (data/real: 26 to 38 C).
+- die 20 K above the air once warm, after minutes: measured boards run 10-30 K above (data/real: 26
+  to 38 C).
 
 The rest is off unless asked for:
 
-- thermal drift: data/real, +1.5 Pa/K (a board from 26 to 38 C fell 1.5 m) and -1.8 Pa/K (37.8 to 43.8 C rose 0.9 m), so
-  its sign is the specimen's; BMP388 and DPS310 data sheets +-0.75 and 0.5 Pa/K;
-- static port error in parts of the dynamic pressure: 14 CFR 23.1325(e) allows 30 ft at 100 kt, which is 0.068;
-- suction of a sideslip, in parts of the dynamic pressure times sin^2: a flush port on one side of a cylinder feels
-  1 - 4 sin^2 at its flank (potential flow), two joined ports on both sides about a tenth of that;
-- ground effect: near the ground the wing's lift raises the pressure under it, in parts of the dynamic pressure, dying
-  out over half a span;
-- acceleration: the membrane's own weight. No data sheet of the presets tells it: turn the board over and halve the
-  change.
+- thermal drift: data/real, +1.5 Pa/K (a board from 26 to 38 C fell 1.5 m) and -1.8 Pa/K (37.8 to
+  43.8 C rose 0.9 m), so its sign is the specimen's; BMP388 and DPS310 data sheets +-0.75 and 0.5
+  Pa/K;
+- static port error in parts of the dynamic pressure: 14 CFR 23.1325(e) allows 30 ft at 100 kt,
+  which is 0.068;
+- suction of a sideslip, in parts of the dynamic pressure times sin^2: a flush port on one side of a
+  cylinder feels 1 - 4 sin^2 at its flank (potential flow), two joined ports on both sides about a
+  tenth of that;
+- ground effect: near the ground the wing's lift raises the pressure under it, in parts of the
+  dynamic pressure, dying out over half a span;
+- acceleration: the membrane's own weight. No data sheet of the presets tells it: turn the board
+  over and halve the change.
 """
 
 import math
@@ -38,23 +43,25 @@ Coefficient = Annotated[float, Field(ge=-2.0, le=2.0)]
 REFERENCE_K = 298.15
 """die temperature of the manufacturer's calibration: no thermal error there"""
 
-# A limit of a data sheet (min, max) is read as three standard deviations, a typical value as one. [c] was found again
-# in a copy of the sheet, or with somebody who quotes it; the rest is as its first reader noted it. No sheet tells how
-# an error wanders in minutes: wander_sd_pa is assumed throughout.
+# A limit of a data sheet (min, max) is read as three standard deviations, a typical value as one.
+# [c] was found again in a copy of the sheet, or with somebody who quotes it; the rest is as its
+# first reader noted it. No sheet tells how an error wanders in minutes: wander_sd_pa is assumed
+# throughout.
 PRESETS: Mapping[str, Mapping[str, Any]] = {
-    # TE Connectivity, MS5611-01BA03 data sheet, "Performance specifications": 0.027 mbar RMS at oversampling 1024,
-    # ArduPilot's [c]; +-1.5 mbar at 25 C and 750 mbar [c], +-2.5 mbar from -20 to 85 C [c], which leaves 100 Pa over 60
-    # K, 0.6 Pa/K; but real boards (above) have 1.5-1.8, and that counts here. Output in 0.01 mbar.
+    # TE Connectivity, MS5611-01BA03 data sheet, "Performance specifications": 0.027 mbar RMS at
+    # oversampling 1024, ArduPilot's [c]; +-1.5 mbar at 25 C and 750 mbar [c], +-2.5 mbar from -20
+    # to 85 C [c], which leaves 100 Pa over 60 K, 0.6 Pa/K; but real boards (above) have 1.5-1.8,
+    # and that counts here. Output in 0.01 mbar.
     "MS5611": {"white_sd_pa": 2.7, "bias_sd_pa": 50.0, "quantum_pa": 1.0, "thermal_sd_pa_per_k": 1.6},
-    # Bosch, BST-BMP388-DS001 rev. 1.7: 0.9 Pa RMS at oversampling 8 and filter coefficient 3 (table 8) [c]; that
-    # filter's delay, 3 samples at 50 Hz, is in the lag; +-50 Pa absolute, typical [c]; +-0.75 Pa/K, typical (table 2)
-    # [c]; 0.016 Pa resolution [c].
+    # Bosch, BST-BMP388-DS001 rev. 1.7: 0.9 Pa RMS at oversampling 8 and filter coefficient 3 (table
+    # 8) [c]; that filter's delay, 3 samples at 50 Hz, is in the lag; +-50 Pa absolute, typical [c];
+    # +-0.75 Pa/K, typical (table 2) [c]; 0.016 Pa resolution [c].
     "BMP388": {
         "white_sd_pa": 0.9, "bias_sd_pa": 50.0, "quantum_pa": 0.016, "thermal_sd_pa_per_k": 0.75, "lag_s": 0.16,
         "wander_sd_pa": 2.0,
     },
-    # Infineon, DPS310 data sheet v1.2: 0.35 Pa RMS at oversampling 16 (table 16) [c], which ArduPilot's driver sets;
-    # +-1 hPa absolute [c]; 0.5 Pa/K [c]; 0.06 Pa resolution.
+    # Infineon, DPS310 data sheet v1.2: 0.35 Pa RMS at oversampling 16 (table 16) [c], which
+    # ArduPilot's driver sets; +-1 hPa absolute [c]; 0.5 Pa/K [c]; 0.06 Pa resolution.
     "DPS310": {
         "white_sd_pa": 0.35, "bias_sd_pa": 33.0, "quantum_pa": 0.06, "thermal_sd_pa_per_k": 0.5, "wander_sd_pa": 2.0,
     },
@@ -67,8 +74,8 @@ class BarometerConfig(SensorConfig):
     PRESETS: ClassVar = PRESETS
 
     rate_hz: Literal[1, 2, 4, 5, 10, 20, 25, 50] | None = None
-    """new readings a second; without it, as many as the autopilot takes: ArduPilot 10, others 20. Asked for more, PX4
-    waits for the next reading, and others repeat the last"""
+    """new readings a second; without it, as many as the autopilot takes: ArduPilot 10, others 20.
+    Asked for more, PX4 waits for the next reading, and others repeat the last"""
     white_sd_pa: NonNegative = 2.4
     """standard deviation of a reading's own error, the others' apart"""
     wander_sd_pa: NonNegative = 5.0
@@ -112,7 +119,8 @@ class Pressure(NamedTuple):
 
 
 class Barometer:
-    """Samples the static pressure at ``config.rate_hz``, or `usual_hz` where the configuration leaves that open."""
+    """Samples the static pressure at ``config.rate_hz``, or `usual_hz` where the configuration
+    leaves that open."""
 
     def __init__(self, config: BarometerConfig, seed: int, usual_hz: int = 20) -> None:
         seed = seed if config.seed is None else config.seed
@@ -127,13 +135,24 @@ class Barometer:
         self.bias_pa = config.bias_pa + config.bias_sd_pa * next(normals(seed, "barometer", "bias"))
         self.thermal_pa_per_k = config.thermal_pa_per_k
         if config.thermal_sd_pa_per_k:
-            self.thermal_pa_per_k += config.thermal_sd_pa_per_k * next(normals(seed, "barometer", "thermal"))
+            self.thermal_pa_per_k += config.thermal_sd_pa_per_k * next(
+                normals(seed, "barometer", "thermal")
+            )
         self._follow = 1.0 - math.exp(-dt_s / config.lag_s) if config.lag_s else 1.0
         self._port_pa: float | None = None
-        self.feels_flow = any((config.static_port, config.sideslip, config.ground_effect, config.acceleration_pa_per_g))
+        self.feels_flow = any(
+            (
+                config.static_port,
+                config.sideslip,
+                config.ground_effect,
+                config.acceleration_pa_per_g,
+            )
+        )
         """whether `measure` wants to know the flow"""
 
-    def measure(self, time_us: int, pressure_pa: float, temperature_k: float, flow: Flow | None = None) -> Pressure:
+    def measure(
+        self, time_us: int, pressure_pa: float, temperature_k: float, flow: Flow | None = None
+    ) -> Pressure:
         """The reading of the true static pressure and air temperature. Call it every `period_us`."""
         config = self.config
         error_pa = 0.0
@@ -156,6 +175,8 @@ class Barometer:
     def port_error_pa(self, flow: Flow) -> float:
         """What the flow adds to the static pressure at the port."""
         config = self.config
-        ground = config.ground_effect * math.exp(-max(0.0, flow.height_m) / config.ground_effect_height_m)
+        ground = config.ground_effect * math.exp(
+            -max(0.0, flow.height_m) / config.ground_effect_height_m
+        )
         slip = config.sideslip * math.sin(flow.sideslip_rad) ** 2
         return flow.dynamic_pressure_pa * (ground - config.static_port - slip)

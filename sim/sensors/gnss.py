@@ -2,19 +2,21 @@
 
 Defaults, and where they come from:
 
-- height error 3 m white and 3 m Gauss-Markov over 300 s, 5 Hz, 0.11 s late: those of the recorded flights
-  data/flights/jsbsim_*, so that results compare. The real receivers of data/real have less white noise (0.03-0.2 m over
-  1 s) and more wander (7-59 m in 2-10 minutes): the presets have that;
-- horizontal error half of it: u-blox M8 data sheet (UBX-15031086), 2.5 m CEP, and vertical errors are about twice that;
+- height error 3 m white and 3 m Gauss-Markov over 300 s, 5 Hz, 0.11 s late: those of the recorded
+  flights data/flights/jsbsim_*, so that results compare. The real receivers of data/real have less
+  white noise (0.03-0.2 m over 1 s) and more wander (7-59 m in 2-10 minutes): the presets have that;
+- horizontal error half of it: u-blox M8 data sheet (UBX-15031086), 2.5 m CEP, and vertical errors
+  are about twice that;
 - velocity 0.1 m/s: M8 data sheet, 0.05 m/s at 50 %, doubled for manoeuvres;
-- latency: ArduPilot measured 0.05-0.25 s; its time stamp is the time of parsing, not of measurement.
+- latency: ArduPilot measured 0.05-0.25 s; its time stamp is the time of parsing, not of
+  measurement.
 
-The accuracies it reports are honest (the standard deviations of its own errors) unless told otherwise: the receivers of
-data/real that wander by 7-59 m report 0.9-1.8.
+The accuracies it reports are honest (the standard deviations of its own errors) unless told
+otherwise: the receivers of data/real that wander by 7-59 m report 0.9-1.8.
 
-Multipath near the ground is one more slow error, of height alone, that the receiver knows nothing of: reflections come
-from below, and fade as the antenna climbs away from them. Its size, height and time are assumed: metres, a building,
-half a minute.
+Multipath near the ground is one more slow error, of height alone, that the receiver knows nothing
+of: reflections come from below, and fade as the antenna climbs away from them. Its size, height and
+time are assumed: metres, a building, half a minute.
 """
 
 import math
@@ -33,23 +35,26 @@ _EARTH_M_PER_DEG = 111_319.49  # of latitude; enough for an error of metres
 
 # [c] was found again in a copy of the data sheet, or with somebody who quotes it; the rest was not.
 PRESETS: Mapping[str, Mapping[str, Any]] = {
-    # u-blox, NEO-M8 data sheet UBX-15031086: 2.5 m CEP [c], which is 2.12 m an axis (CEP / 1.177), height twice that,
-    # as the sheet has none; 0.05 m/s at 50 % [c], 0.042 m/s an axis for two and 0.074 for one; 26 s from cold [c]. The
-    # white part is that of data/real; the latency is inside the 0.05-0.25 s that ArduPilot measured.
+    # u-blox, NEO-M8 data sheet UBX-15031086: 2.5 m CEP [c], which is 2.12 m an axis (CEP / 1.177),
+    # height twice that, as the sheet has none; 0.05 m/s at 50 % [c], 0.042 m/s an axis for two and
+    # 0.074 for one; 26 s from cold [c]. The white part is that of data/real; the latency is inside
+    # the 0.05-0.25 s that ArduPilot measured.
     "u-blox M8": {
         "height_white_sd_m": 0.15, "height_wander_sd_m": 4.2, "horizontal_white_sd_m": 0.1,
         "horizontal_wander_sd_m": 2.1, "velocity_sd_mps": 0.05, "first_fix_s": 26.0, "latency_s": 0.15,
         "latency_jitter_s": 0.02,
     },
-    # u-blox, ZED-F9P data sheet UBX-17051259: RTK 0.01 m + 1 ppm CEP [c], 0.0085 m an axis, and as much in height at 50
-    # % [c], 0.015 m, both on a baseline so short that the ppm do not count (1 mm a kilometre); 0.05 m/s [c]; 24 s from
-    # cold [c]. That the errors live for a minute is assumed, and so is the latency.
+    # u-blox, ZED-F9P data sheet UBX-17051259: RTK 0.01 m + 1 ppm CEP [c], 0.0085 m an axis, and as
+    # much in height at 50 % [c], 0.015 m, both on a baseline so short that the ppm do not count (1
+    # mm a kilometre); 0.05 m/s [c]; 24 s from cold [c]. That the errors live for a minute is
+    # assumed, and so is the latency.
     "F9P RTK": {
         "height_white_sd_m": 0.005, "height_wander_sd_m": 0.015, "horizontal_white_sd_m": 0.004,
         "horizontal_wander_sd_m": 0.0085, "wander_time_s": 60.0, "velocity_sd_mps": 0.05, "first_fix_s": 24.0,
         "latency_s": 0.15, "latency_jitter_s": 0.03, "hdop": 0.6, "vdop": 1.0, "satellites": 24, "fix": 6,
     },
-    # data/real: 7-59 m of wander in 2-10 minutes, 0.03-0.2 m over 1 s, reported accuracy about 1 m all the time.
+    # data/real: 7-59 m of wander in 2-10 minutes, 0.03-0.2 m over 1 s, reported accuracy about 1 m
+    # all the time.
     "cheap": {
         "height_white_sd_m": 0.2, "height_wander_sd_m": 12.0, "wander_time_s": 200.0, "horizontal_white_sd_m": 0.1,
         "horizontal_wander_sd_m": 5.0, "velocity_sd_mps": 0.2, "first_fix_s": 45.0, "latency_s": 0.25,
@@ -83,7 +88,8 @@ class GnssConfig(SensorConfig):
     latency_jitter_s: Annotated[float, Field(ge=0.0, le=5.0)] = 0.0
     """more than that it comes late by the size of a normal number with this standard deviation"""
     stamp: Literal["arrival", "measurement"] = "arrival"
-    """what GPS_RAW_INT.time_usec says: when the autopilot parsed the fix (as ArduPilot), or when it was true"""
+    """what GPS_RAW_INT.time_usec says: when the autopilot parsed the fix (as ArduPilot), or when it
+    was true"""
     first_fix_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 8.0
     """from boot to the first fix"""
     fix: Literal[3, 4, 5, 6] = 3
@@ -111,7 +117,8 @@ class GnssConfig(SensorConfig):
 
 
 class Fix(NamedTuple):
-    """What the autopilot has from the receiver. Everything but the times is meaningless below fix type 3."""
+    """What the autopilot has from the receiver. Everything but the times is meaningless below fix
+    type 3."""
 
     measured_us: int
     stamp_us: int
@@ -148,7 +155,9 @@ class GnssReceiver:
         dt_s = 1.0 / config.rate_hz
 
         def wander(axis: str, sd_m: float) -> GaussMarkov:
-            return GaussMarkov(sd_m, config.wander_time_s, dt_s, normals(seed, "gnss", axis, "wander"))
+            return GaussMarkov(
+                sd_m, config.wander_time_s, dt_s, normals(seed, "gnss", axis, "wander")
+            )
 
         self._wander_north = wander("north", config.horizontal_wander_sd_m)
         self._wander_east = wander("east", config.horizontal_wander_sd_m)
@@ -163,7 +172,9 @@ class GnssReceiver:
             config.multipath_sd_m, config.multipath_time_s, dt_s, normals(seed, "gnss", "multipath")
         )
         # One figure for a horizontal error, as receivers give it: the root of both axes' variances.
-        self.horizontal_sd_m = math.hypot(config.horizontal_white_sd_m, config.horizontal_wander_sd_m) * math.sqrt(2.0)
+        self.horizontal_sd_m = math.hypot(
+            config.horizontal_white_sd_m, config.horizontal_wander_sd_m
+        ) * math.sqrt(2.0)
         self.vertical_sd_m = math.hypot(config.height_white_sd_m, config.height_wander_sd_m)
         if config.accuracy == "optimistic":
             self.horizontal_sd_m *= config.optimism
@@ -175,7 +186,8 @@ class GnssReceiver:
         self._last_arrival_us = 0
 
     def measure(self, truth: Truth) -> None:
-        """Take a fix of the truth; it arrives later. The error processes run before the first fix too."""
+        """Take a fix of the truth; it arrives later. The error processes run before the first fix
+        too."""
         config = self.config
         north_m = self._wander_north.step() + config.horizontal_white_sd_m * next(self._white_north)
         east_m = self._wander_east.step() + config.horizontal_white_sd_m * next(self._white_east)

@@ -1,17 +1,20 @@
 """A strapdown IMU at the centre of gravity, forward-right-down.
 
-Each sample is the mean over its interval, as an anti-aliased and decimated IMU gives it, seen through scale factors and
-misalignments, with a turn-on bias, a bias that walks and one that follows the die's temperature, white noise, the
-vibration of the engine, an end of its range, and (in RAW_IMU) the quantisation of ArduPilot's milli-g and milliradians.
+Each sample is the mean over its interval, as an anti-aliased and decimated IMU gives it, seen
+through scale factors and misalignments, with a turn-on bias, a bias that walks and one that follows
+the die's temperature, white noise, the vibration of the engine, an end of its range, and (in
+RAW_IMU) the quantisation of ArduPilot's milli-g and milliradians.
 
-Defaults are those of the recorded flights data/flights/jsbsim_* (README): 0.02 m/s2/sqrt(Hz), bias 0.1 m/s2 drifting,
-gyro bias 0.01 rad/s. They are what an airframe with a running engine adds to a consumer IMU: the ICM-20602 data sheet
-alone has 100 ug/sqrt(Hz) = 0.001 m/s2/sqrt(Hz), 0.004 deg/s/sqrt(Hz) = 7e-5 rad/s/sqrt(Hz), zero offsets of 25 mg and
-1 deg/s. Ranges are ArduPilot's settings of that chip, 16 g and 2000 deg/s.
+Defaults are those of the recorded flights data/flights/jsbsim_* (README): 0.02 m/s2/sqrt(Hz), bias
+0.1 m/s2 drifting, gyro bias 0.01 rad/s. They are what an airframe with a running engine adds to a
+consumer IMU: the ICM-20602 data sheet alone has 100 ug/sqrt(Hz) = 0.001 m/s2/sqrt(Hz), 0.004
+deg/s/sqrt(Hz) = 7e-5 rad/s/sqrt(Hz), zero offsets of 25 mg and 1 deg/s. Ranges are ArduPilot's
+settings of that chip, 16 g and 2000 deg/s.
 
-Vibration is a line at the engine's frequency. The mean over an interval takes most of it away, as a low-pass does, and
-what remains appears at the alias; without that mean (``averaged: false``, a sensor sampled at the output rate) all of
-it does. A flat four at 2400 rpm fires at 80 Hz; ArduPilot's advice is to stay below 30 m/s2.
+Vibration is a line at the engine's frequency. The mean over an interval takes most of it away, as a
+low-pass does, and what remains appears at the alias; without that mean (``averaged: false``, a
+sensor sampled at the output rate) all of it does. A flat four at 2400 rpm fires at 80 Hz;
+ArduPilot's advice is to stay below 30 m/s2.
 """
 
 import math
@@ -32,19 +35,20 @@ _MG = 1e-3 * G0_MPS2
 
 # [c] was found again in a copy of the data sheet, or with somebody who quotes it; the rest was not.
 PRESETS: Mapping[str, Mapping[str, Any]] = {
-    # InvenSense, ICM-20602 data sheet DS-000176: noise 100 ug and 0.004 deg/s per root Hz [c]; scale +-1 % [c]; zero
-    # offsets +-25 mg and +-1 deg/s, +-0.5 mg/K and +-0.01 deg/s/K, cross axes +-1 %: a third of each. The walks are not
-    # in it: assumed, what Allan plots of such chips show (bias instability near 0.05 mg and 5 deg/h).
+    # InvenSense, ICM-20602 data sheet DS-000176: noise 100 ug and 0.004 deg/s per root Hz [c];
+    # scale +-1 % [c]; zero offsets +-25 mg and +-1 deg/s, +-0.5 mg/K and +-0.01 deg/s/K, cross axes
+    # +-1 %: a third of each. The walks are not in it: assumed, what Allan plots of such chips show
+    # (bias instability near 0.05 mg and 5 deg/h).
     "ICM-20602": {
         "accel_noise_mps2_rthz": 0.1 * _MG, "accel_bias_sd_mps2": 8.3 * _MG, "accel_walk_mps2_rts": 5e-5,
         "gyro_noise_radps_rthz": 0.004 * _DEG, "gyro_bias_sd_radps": 0.33 * _DEG, "gyro_walk_radps_rts": 2e-6,
         "accel_thermal_sd_mps2_per_k": 0.17 * _MG, "gyro_thermal_sd_radps_per_k": 0.0033 * _DEG,
         "scale_sd": 0.0033, "misalignment_sd_rad": 0.0033, "warming_k": 20.0,
     },
-    # Analog Devices, ADIS16495 data sheet rev. C, the -1: 0.09 deg/sqrt(h), 0.8 deg/h and 3.2 ug in run, axes within
-    # 0.05 deg, +-8 g, 125 deg/s [c]; 0.008 m/s/sqrt(h). A walk K gives the Allan
-    # minimum 0.664 B with noise N at K = 0.866 (0.664 B)^2 / N. What is left of the biases after it was calibrated on
-    # the ground is assumed: 0.1 mg, 5 deg/h.
+    # Analog Devices, ADIS16495 data sheet rev. C, the -1: 0.09 deg/sqrt(h), 0.8 deg/h and 3.2 ug in
+    # run, axes within 0.05 deg, +-8 g, 125 deg/s [c]; 0.008 m/s/sqrt(h). A walk K gives the Allan
+    # minimum 0.664 B with noise N at K = 0.866 (0.664 B)^2 / N. What is left of the biases after it
+    # was calibrated on the ground is assumed: 0.1 mg, 5 deg/h.
     "tactical": {
         "accel_noise_mps2_rthz": 0.008 / 60.0, "accel_bias_sd_mps2": 0.1 * _MG, "accel_walk_mps2_rts": 2.8e-6,
         "gyro_noise_radps_rthz": 0.09 / 60.0 * _DEG, "gyro_bias_sd_radps": 5.0 / 3600.0 * _DEG,
@@ -111,7 +115,8 @@ class ImuSample(NamedTuple):
 
 
 class _Triad:
-    """Three like sensors at nearly right angles: scale, misalignment, bias, walk, thermal bias, noise, range."""
+    """Three like sensors at nearly right angles: scale, misalignment, bias, walk, thermal bias,
+    noise, range."""
 
     def __init__(
         self, seed: int, name: str, *, noise: float, bias_sd: float, walk: float, thermal_sd: float, limit: float,
@@ -128,7 +133,10 @@ class _Triad:
 
     def _draw(self, seed: int, name: str, walk: float, noise: float) -> Iterator[list[float]]:
         """Bias, walking from the turn-on one, and white noise of one sample after the other."""
-        steps, white = normal_blocks(seed, "imu", name, "walk"), normal_blocks(seed, "imu", name, "white")
+        steps, white = (
+            normal_blocks(seed, "imu", name, "walk"),
+            normal_blocks(seed, "imu", name, "white"),
+        )
         bias = np.array([self.bias])
         while True:
             biases = np.cumsum(np.vstack((bias, walk * next(steps).reshape(-1, 3))), axis=0)
@@ -140,7 +148,9 @@ class _Triad:
         if self.mounting is not None:
             x, y, z = (row[0] * x + row[1] * y + row[2] * z for row in self.mounting)
         if self.thermal is not None:
-            x, y, z = (value - cold_k * heat for value, heat in zip((x, y, z), self.thermal, strict=True))
+            x, y, z = (
+                value - cold_k * heat for value, heat in zip((x, y, z), self.thermal, strict=True)
+            )
         error_x, error_y, error_z = next(self._errors)
         x += error_x
         y += error_y
@@ -158,7 +168,10 @@ def _mounting(seed: int, name: str, config: ImuConfig) -> list[Vector] | None:
     draw = normals(seed, "imu", name, "mounting")
     rows = []
     for axis in range(3):
-        row = [(config.scale_sd if axis == other else config.misalignment_sd_rad) * next(draw) for other in range(3)]
+        row = [
+            (config.scale_sd if axis == other else config.misalignment_sd_rad) * next(draw)
+            for other in range(3)
+        ]
         row[axis] += 1.0
         rows.append((row[0], row[1], row[2]))
     return rows
@@ -183,7 +196,10 @@ class _Vibration:
         self._phase = after = math.remainder(before + turned, math.tau)
         if self._averaged:
             scale = self._size / turned if turned else 0.0
-            x, y, z = (scale * (math.cos(before + third) - math.cos(before + turned + third)) for third in _THIRDS)
+            x, y, z = (
+                scale * (math.cos(before + third) - math.cos(before + turned + third))
+                for third in _THIRDS
+            )
         else:
             x, y, z = (self._size * math.sin(after + third) for third in _THIRDS)
         return x, y, z
@@ -224,7 +240,11 @@ class Imu:
     def measure(self, time_us: int, motion: Motion) -> ImuSample:
         """The reading of the mean motion since the last call. Call it every `period_us`."""
         config = self.config
-        cold_k = config.warming_k * math.exp(-time_us * 1e-6 / config.warming_time_s) if config.warming_k else 0.0
+        cold_k = (
+            config.warming_k * math.exp(-time_us * 1e-6 / config.warming_time_s)
+            if config.warming_k
+            else 0.0
+        )
         force = motion.specific_force_b_mps2
         if self._vibration is not None:
             shake = self._vibration.step()

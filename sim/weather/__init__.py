@@ -1,8 +1,10 @@
-"""The weather over a flight: what the air is at each place and time. JSBSim turns it into air around the aircraft.
+"""The weather over a flight: what the air is at each place and time. JSBSim turns it into air
+around the aircraft.
 
-The sea-level pressure and the temperature deviation go into JSBSim's atmosphere, which integrates the column above
-hydrostatically: at a given geometric altitude both move the static pressure, and so a barometer. With a temperature
-profile or humidity the column is integrated here (``column``) and takes the place of JSBSim's for the whole flight.
+The sea-level pressure and the temperature deviation go into JSBSim's atmosphere, which integrates
+the column above hydrostatically: at a given geometric altitude both move the static pressure, and
+so a barometer. With a temperature profile or humidity the column is integrated here (``column``)
+and takes the place of JSBSim's for the whole flight.
 
 ``fields`` has what depends on the place; ``metar`` makes a day of its reports.
 """
@@ -16,7 +18,18 @@ from pydantic import Field, model_validator
 from companion.config import Settings
 from sim.aircraft import Aircraft, Truth
 from sim.weather.column import Column, pressure_altitude_m, standard_k
-from sim.weather.fields import Change, Diurnal, Front, Gradient, Gust, MountainWave, Place, ReportedGusts, Time, Wind
+from sim.weather.fields import (
+    Change,
+    Diurnal,
+    Front,
+    Gradient,
+    Gust,
+    MountainWave,
+    Place,
+    ReportedGusts,
+    Time,
+    Wind,
+)
 from sim.weather.metar import Day, Metar
 from sim.weather.ramp import Ramp
 
@@ -30,7 +43,8 @@ _RESOLVE_HUMIDITY = 2.5e-4
 
 
 class PressurePoint(Settings):
-    """Sea-level pressure at a time since boot; linear in between, constant before the first and after the last."""
+    """Sea-level pressure at a time since boot; linear in between, constant before the first and
+    after the last."""
 
     time_s: Time
     """since boot"""
@@ -39,7 +53,8 @@ class PressurePoint(Settings):
 
 
 class TemperaturePoint(Settings):
-    """Deviation of the whole column from the standard atmosphere's temperature at a time since boot."""
+    """Deviation of the whole column from the standard atmosphere's temperature at a time since
+    boot."""
 
     time_s: Time
     """since boot"""
@@ -48,7 +63,8 @@ class TemperaturePoint(Settings):
 
 
 class ProfilePoint(Settings):
-    """Deviation from the standard atmosphere's temperature at an altitude; linear in between, constant outside."""
+    """Deviation from the standard atmosphere's temperature at an altitude; linear in between,
+    constant outside."""
 
     altitude_amsl_m: Annotated[float, Field(ge=-500.0, le=20_000.0)]
     """above mean sea level"""
@@ -59,8 +75,9 @@ class ProfilePoint(Settings):
 class Turbulence(Settings):
     """Dryden turbulence of MIL-F-8785C, as JSBSim has it.
 
-    Below 600 m above *sea level* (JSBSim does not ask for the ground) its strength follows the wind at 6 m (20 ft),
-    with a vertical standard deviation of a tenth of it; above it follows the severity.
+    Below 600 m above *sea level* (JSBSim does not ask for the ground) its strength follows the wind
+    at 6 m (20 ft), with a vertical standard deviation of a tenth of it; above it follows the
+    severity.
     """
 
     severity: Annotated[int, Field(ge=0, le=7)] = 0
@@ -98,9 +115,13 @@ class WeatherConfig(Settings):
             if any(after <= before for before, after in itertools.pairwise(places)):
                 what = "altitudes" if "profile" in name else "times"
                 raise ValueError(f"the {what} of the {name} must increase")
-        told_twice = self.pressure or self.temperature or self.relative_humidity or self.wind != Wind()
+        told_twice = (
+            self.pressure or self.temperature or self.relative_humidity or self.wind != Wind()
+        )
         if self.metar is not None and told_twice:
-            raise ValueError("metar takes the place of pressure, temperature, humidity and wind: give one or the other")
+            raise ValueError(
+                "metar takes the place of pressure, temperature, humidity and wind: give one or the other"
+            )
         return self
 
     @property
@@ -125,10 +146,11 @@ class TrueAir(NamedTuple):
     """What a perfect meteorologist aboard would say."""
 
     qnh_pa: float
-    """what an altimeter has to be set to for it to show, on a field as high as the runway below the aircraft, its
-    elevation"""
+    """what an altimeter has to be set to for it to show, on a field as high as the runway below the
+    aircraft, its elevation"""
     sea_level_pa: float
-    """of the column the aircraft is in (QFF); QNH but for the temperature of the air below the field"""
+    """of the column the aircraft is in (QFF); QNH but for the temperature of the air below the
+    field"""
     offset_k: float
     """temperature at the aircraft less the standard atmosphere's there"""
     pressure_altitude_m: float
@@ -144,12 +166,17 @@ class Weather:
 
     def __init__(self, config: WeatherConfig, aircraft: Aircraft) -> None:
         self._aircraft = aircraft
-        self._fields: list[Front | Gradient | Diurnal | MountainWave | Gust | ReportedGusts] = [*config.fields]
+        self._fields: list[Front | Gradient | Diurnal | MountainWave | Gust | ReportedGusts] = [
+            *config.fields
+        ]
         latitude_deg, longitude_deg, _ = aircraft.position()
         self._origin_deg = (latitude_deg, longitude_deg)
         layers = Column([(point.altitude_amsl_m, point.offset_k) for point in config.profile])
         day = self._day(config, layers)
-        self._pressure_hpa, self._offset_k = Ramp(day.sea_level_hpa, STANDARD_HPA), Ramp(day.offset_k, 0.0)
+        self._pressure_hpa, self._offset_k = (
+            Ramp(day.sea_level_hpa, STANDARD_HPA),
+            Ramp(day.offset_k, 0.0),
+        )
         self._humidity = Ramp(day.relative_humidity, 0.0)
         self._wind_mps = Ramp(day.north_mps, 0.0), Ramp(day.east_mps, 0.0)
         if any(gust for _, gust in day.gust_mps):
@@ -180,7 +207,8 @@ class Weather:
         )
 
     def at(self, time_s: float) -> tuple[float, float]:
-        """Sea-level pressure (Pa) and temperature deviation (K) of the ramps, without what depends on the place."""
+        """Sea-level pressure (Pa) and temperature deviation (K) of the ramps, without what depends
+        on the place."""
         return self._pressure_hpa(time_s) * 100.0, self._offset_k(time_s)
 
     def update(self, time_s: float) -> None:
@@ -220,7 +248,9 @@ class Weather:
             if self.now.offset_k != self._own_k:
                 column.solve(self.now.offset_k)
                 self._own_k = self.now.offset_k
-        field_pa, standard_pa = (air.at(self._aircraft.ground_m, 1.0).pressure_pa for air in (column, self._standard))
+        field_pa, standard_pa = (
+            air.at(self._aircraft.ground_m, 1.0).pressure_pa for air in (column, self._standard)
+        )
         return self.now.sea_level_pa * field_pa / standard_pa
 
     def _apply(self, air: tuple[float, float, float], wind_mps: tuple[float, float, float]) -> None:

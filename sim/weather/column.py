@@ -1,10 +1,13 @@
-"""A column of air in hydrostatic balance, for what JSBSim's own cannot hold: layers, inversions, humidity.
+"""A column of air in hydrostatic balance, for what JSBSim's own cannot hold: layers, inversions,
+humidity.
 
-The temperature is the standard atmosphere's plus an offset plus a profile, linear between nodes; the pressure follows
-from d(ln p) = -g0 dH / (R Tv), integrated in closed form from node to node, with H the geopotential height and Tv the
-virtual temperature of moist air. Without profile and humidity it is JSBSim's column (a test holds 0.01 Pa up to 12 km).
+The temperature is the standard atmosphere's plus an offset plus a profile, linear between nodes;
+the pressure follows from d(ln p) = -g0 dH / (R Tv), integrated in closed form from node to node,
+with H the geopotential height and Tv the virtual temperature of moist air. Without profile and
+humidity it is JSBSim's column (a test holds 0.01 Pa up to 12 km).
 
-Nothing here comes from the companion: the simulator must not share the estimator's model of the air.
+Nothing here comes from the companion: the simulator must not share the estimator's model of the
+air.
 """
 
 import bisect
@@ -17,19 +20,23 @@ from numpy.typing import NDArray
 
 G0_MPS2 = 9.80665
 GAS_CONSTANT = 8314.32 / 28.9645
-"""J/kg/K, from JSBSim's gas constant and molar mass: a tenth of a pascal less at 5 km than with 287.05287"""
+"""J/kg/K, from JSBSim's gas constant and molar mass: a tenth of a pascal less at 5 km than with
+287.05287"""
 _EARTH_RADIUS_M = 6_356_766.0
 _SEA_LEVEL_K = 288.15
 _LAPSE_K_PER_M = 0.0065
 _TROPOPAUSE_M = 11_000.0
 _TROPOPAUSE_K = _SEA_LEVEL_K - _LAPSE_K_PER_M * _TROPOPAUSE_M
 STANDARD_PA = 101_325.0
-_TROPOPAUSE_PA = STANDARD_PA * (_TROPOPAUSE_K / _SEA_LEVEL_K) ** (G0_MPS2 / GAS_CONSTANT / _LAPSE_K_PER_M)
+_TROPOPAUSE_PA = STANDARD_PA * (_TROPOPAUSE_K / _SEA_LEVEL_K) ** (
+    G0_MPS2 / GAS_CONSTANT / _LAPSE_K_PER_M
+)
 _STRATOSPHERE_M = 20_000.0
 _BOTTOM_M, _STEP_M = -500.0, 100.0
 _FLAT_K = 1e-6
 _ROUNDS, _SETTLED = 6, 5e-6
-"""of the pressure that dilutes the vapour: each round leaves a fiftieth of the last change, here 0.01 Pa"""
+"""of the pressure that dilutes the vapour: each round leaves a fiftieth of the last change, here
+0.01 Pa"""
 
 Array = NDArray[np.float64]
 
@@ -52,7 +59,9 @@ def pressure_altitude_m(pressure_pa: float) -> float:
     if pressure_pa > _TROPOPAUSE_PA:
         ratio = math.pow(pressure_pa / STANDARD_PA, GAS_CONSTANT * _LAPSE_K_PER_M / G0_MPS2)
         return _SEA_LEVEL_K / _LAPSE_K_PER_M * (1.0 - ratio)
-    return _TROPOPAUSE_M + GAS_CONSTANT * _TROPOPAUSE_K / G0_MPS2 * math.log(_TROPOPAUSE_PA / pressure_pa)
+    return _TROPOPAUSE_M + GAS_CONSTANT * _TROPOPAUSE_K / G0_MPS2 * math.log(
+        _TROPOPAUSE_PA / pressure_pa
+    )
 
 
 def standard_k(altitude_m: float) -> float:
@@ -78,13 +87,17 @@ class Column:
         Of the troposphere, 0 to 1; above it the air is dry.
     """
 
-    def __init__(self, profile: Sequence[tuple[float, float]] = (), relative_humidity: float = 0.0) -> None:
+    def __init__(
+        self, profile: Sequence[tuple[float, float]] = (), relative_humidity: float = 0.0
+    ) -> None:
         self._humidity = relative_humidity
         kinks = [geopotential_m(altitude) for altitude, _ in profile]
         nodes = np.union1d(np.arange(_BOTTOM_M, _STRATOSPHERE_M + 1.0, _STEP_M), kinks)
         self._standard_k: Array = _SEA_LEVEL_K - _LAPSE_K_PER_M * np.minimum(nodes, _TROPOPAUSE_M)
         self._profile_k: Array = (
-            np.interp(nodes, kinks, [offset for _, offset in profile]) if profile else np.zeros(nodes.size)
+            np.interp(nodes, kinks, [offset for _, offset in profile])
+            if profile
+            else np.zeros(nodes.size)
         )
         self._nodes: list[float] = nodes.tolist()
         self._weights: Array = -G0_MPS2 / GAS_CONSTANT * np.diff(nodes)
@@ -94,14 +107,17 @@ class Column:
         self.solve(0.0)
 
     def solve(self, offset_k: float, relative_humidity: float | None = None) -> None:
-        """Integrate the column anew, `offset_k` warmer throughout; the humidity stays what it was unless given."""
+        """Integrate the column anew, `offset_k` warmer throughout; the humidity stays what it was
+        unless given."""
         if relative_humidity is not None:
             self._humidity = relative_humidity
         temperature: Array = self._standard_k + self._profile_k + offset_k
         virtual = temperature
         if self._humidity:
             vapour = self._humidity * self._below * saturation_pa(temperature) / STANDARD_PA
-            for _ in range(_ROUNDS):  # the vapour's share needs the pressure: that of the last solution is a good start
+            for _ in range(
+                _ROUNDS
+            ):  # the vapour's share needs the pressure: that of the last solution is a good start
                 virtual = temperature / (1.0 - 0.378 * vapour * np.exp(-self._log_ratios))
                 before, self._log_ratios = self._log_ratios, self._integrate(virtual)
                 if float(np.abs(self._log_ratios - before).max()) < _SETTLED:
@@ -115,8 +131,8 @@ class Column:
     def _integrate(self, virtual_k: Array) -> Array:
         """ln(p / p at sea level) at the nodes.
 
-        The mean of 1 / Tv over a step is atanh(x) / x / mean Tv with x half the step's relative change; the series is
-        good to 1e-10 for the 15 K of a sharp inversion.
+        The mean of 1 / Tv over a step is atanh(x) / x / mean Tv with x half the step's relative
+        change; the series is good to 1e-10 for the 15 K of a sharp inversion.
         """
         mean = 0.5 * (virtual_k[:-1] + virtual_k[1:])
         square = (0.5 * np.diff(virtual_k) / mean) ** 2

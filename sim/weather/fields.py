@@ -1,4 +1,5 @@
-"""Weather that is not the same everywhere or all the time: fronts, gradients, the day's course, gusts, mountain waves.
+"""Weather that is not the same everywhere or all the time: fronts, gradients, the day's course,
+gusts, mountain waves.
 
 Each is a section of a scenario and says what it changes `at` a place and time; the changes add up.
 """
@@ -15,7 +16,8 @@ EARTH_RATE_RADPS = 7.292115e-5
 _DENSITY_KGPM3 = 1.225
 """of the low level air in the balance of wind and pressure"""
 _FRICTION_HEIGHT_M, _FRICTION_KEEPS, _FRICTION_TURN_RAD = 600.0, 0.6, math.radians(25.0)
-"""the friction layer: at the ground the wind has six tenths of its strength and blows 25 degrees towards the low"""
+"""the friction layer: at the ground the wind has six tenths of its strength and blows 25 degrees
+towards the low"""
 _STABILITY_HZ = 0.012
 """Brunt and Vaisala's frequency (rad/s) of a standard troposphere"""
 _GUST_EVERY_S, _GUST_S = 60.0, 12.0
@@ -77,11 +79,13 @@ class Wind(Settings):
 class Front(Settings):
     """A line that comes over the land: a trough with it, other air and another wind behind it.
 
-    Over time with a ``speed_mps``; along the track without, when the aircraft flies through one that stands.
+    Over time with a ``speed_mps``; along the track without, when the aircraft flies through one
+    that stands.
     """
 
     kind: Literal["cold", "warm"] = "cold"
-    """what is left out is that of its kind: width 8 or 40 km, trough 2 or 1 hPa, step +3 or -3 hPa and -8 or +6 K"""
+    """what is left out is that of its kind: width 8 or 40 km, trough 2 or 1 hPa, step +3 or -3 hPa
+    and -8 or +6 K"""
     from_deg: Direction = 270.0
     """where it comes from, or lies"""
     distance_m: Distance = 30_000.0
@@ -106,26 +110,45 @@ class Front(Settings):
 
     def at(self, place: Place) -> Change:
         width = self.value("width_m")
-        behind = (self.speed_mps * place.time_s - self.distance_m + place.towards(self.from_deg)) / width
+        behind = (
+            self.speed_mps * place.time_s - self.distance_m + place.towards(self.from_deg)
+        ) / width
         behind = max(-40.0, min(40.0, behind))
         share = 0.5 * (1.0 + math.tanh(behind))
-        pressure_hpa = share * self.value("pressure_step_hpa") - self.value("trough_hpa") / math.cosh(behind)
+        pressure_hpa = share * self.value("pressure_step_hpa") - self.value(
+            "trough_hpa"
+        ) / math.cosh(behind)
         north = east = 0.0
         if self.wind_behind is not None:
             after = self.wind_behind.vector_mps
-            north, east = share * (after[0] - place.wind_mps[0]), share * (after[1] - place.wind_mps[1])
+            north, east = (
+                share * (after[0] - place.wind_mps[0]),
+                share * (after[1] - place.wind_mps[1]),
+            )
         return Change(pressure_hpa * 100.0, share * self.value("temperature_step_k"), north, east)
 
 
 FRONTS: Mapping[str, Mapping[str, float]] = {
-    # A sharp cold front: minutes wide, the pressure jumps behind it. A warm front is broad, and the pressure stays low.
-    "cold": {"width_m": 8_000.0, "trough_hpa": 2.0, "pressure_step_hpa": 3.0, "temperature_step_k": -8.0},
-    "warm": {"width_m": 40_000.0, "trough_hpa": 1.0, "pressure_step_hpa": -3.0, "temperature_step_k": 6.0},
+    # A sharp cold front: minutes wide, the pressure jumps behind it. A warm front is broad, and the
+    # pressure stays low.
+    "cold": {
+        "width_m": 8_000.0,
+        "trough_hpa": 2.0,
+        "pressure_step_hpa": 3.0,
+        "temperature_step_k": -8.0,
+    },
+    "warm": {
+        "width_m": 40_000.0,
+        "trough_hpa": 1.0,
+        "pressure_step_hpa": -3.0,
+        "temperature_step_k": 6.0,
+    },
 }
 
 
 class Gradient(Settings):
-    """A pressure that rises across the land, and the geostrophic wind that goes with it, less in the friction layer."""
+    """A pressure that rises across the land, and the geostrophic wind that goes with it, less in
+    the friction layer."""
 
     hpa_per_100km: Annotated[float, Field(ge=0.0, le=10.0)] = 1.5
     """how fast the pressure rises"""
@@ -143,9 +166,12 @@ class Gradient(Settings):
         speed = slope / (_DENSITY_KGPM3 * abs(coriolis))
         aloft = max(0.0, min(1.0, place.height_m / _FRICTION_HEIGHT_M))
         speed *= _FRICTION_KEEPS + (1.0 - _FRICTION_KEEPS) * aloft
-        # The high is on the right of the wind in the northern hemisphere; friction turns it towards the low.
+        # The high is on the right of the wind in the northern hemisphere; friction turns it towards
+        # the low.
         side = math.copysign(1.0, coriolis)
-        direction = math.radians(self.towards_deg) - side * (math.pi / 2.0 + _FRICTION_TURN_RAD * (1.0 - aloft))
+        direction = math.radians(self.towards_deg) - side * (
+            math.pi / 2.0 + _FRICTION_TURN_RAD * (1.0 - aloft)
+        )
         return Change(pressure_pa, 0.0, speed * math.cos(direction), speed * math.sin(direction))
 
 
@@ -162,7 +188,9 @@ class Diurnal(Settings):
     def at(self, place: Place) -> Change:
         hour = self.start_h + place.time_s / 3600.0
         pressure_hpa = self.pressure_hpa * math.cos(math.tau * (hour - 10.0) / 12.0)
-        return Change(pressure_hpa * 100.0, self.temperature_k * math.cos(math.tau * (hour - 15.0) / 24.0))
+        return Change(
+            pressure_hpa * 100.0, self.temperature_k * math.cos(math.tau * (hour - 15.0) / 24.0)
+        )
 
 
 class Gust(Settings):
@@ -195,10 +223,12 @@ class Gust(Settings):
 
 
 class ReportedGusts(NamedTuple):
-    """The gusts of weather reports: once a minute the wind rises, (1 - cos) in time, and falls again.
+    """The gusts of weather reports: once a minute the wind rises, (1 - cos) in time, and falls
+    again.
 
-    A station reports the highest wind of ten minutes. When in its minute a gust comes, and which part of the reported
-    one it is, follows multiples of irrational numbers, which leave no gaps: the strongest of ten is above nine tenths.
+    A station reports the highest wind of ten minutes. When in its minute a gust comes, and which
+    part of the reported one it is, follows multiples of irrational numbers, which leave no gaps:
+    the strongest of ten is above nine tenths.
     """
 
     excess_mps: Callable[[float], float]
@@ -218,11 +248,12 @@ class ReportedGusts(NamedTuple):
 
 
 class MountainWave(Settings):
-    """A standing wave behind a ridge: air that goes up and down, and a static pressure that is not the column's.
+    """A standing wave behind a ridge: air that goes up and down, and a static pressure that is not
+    the column's.
 
-    Linear theory of a hydrostatic wave that carries energy upwards: p' = rho N / k w, in phase with the updraught w, k
-    the wave number and N the air's stability [Gill, Atmosphere-Ocean Dynamics, section 6.8]. 4 m/s over 20 km make 1.9
-    hPa, 16 m of height.
+    Linear theory of a hydrostatic wave that carries energy upwards: p' = rho N / k w, in phase with
+    the updraught w, k the wave number and N the air's stability [Gill, Atmosphere-Ocean Dynamics,
+    section 6.8]. 4 m/s over 20 km make 1.9 hPa, 16 m of height.
     """
 
     up_mps: Annotated[float, Field(ge=0.0, le=12.0)] = 3.0
@@ -241,6 +272,10 @@ class MountainWave(Settings):
         if beyond_m <= 0.0 or place.height_m <= 0.0:
             return Change()
         number = math.tau / self.wavelength_m
-        up = self.up_mps * math.sin(number * beyond_m) * (1.0 - math.exp(-place.height_m / self.rise_m))
+        up = (
+            self.up_mps
+            * math.sin(number * beyond_m)
+            * (1.0 - math.exp(-place.height_m / self.rise_m))
+        )
         density = _DENSITY_KGPM3 * math.exp(-place.altitude_m / 9_500.0)
         return Change(down_mps=-up, local_pa=density * _STABILITY_HZ / number * up)

@@ -1,6 +1,8 @@
-"""A real day from its METARs: pressure, temperature, humidity and wind over time, as one station reports them.
+"""A real day from its METARs: pressure, temperature, humidity and wind over time, as one station
+reports them.
 
-Read with the package ``metar`` (python-metar, BSD; pure Python, kept since 2004), part of the extra ``sim``.
+Read with the package ``metar`` (python-metar, BSD; pure Python, kept since 2004), part of the extra
+``sim``.
 """
 
 import warnings
@@ -67,11 +69,15 @@ class Metar(Settings):
     def day(self, elevation_m: float, column: Column) -> Day:
         """The day above a station at that height, with `column`'s own layers in it.
 
-        A QNH is the station's pressure reduced to sea level through the standard column; the real column's pressure at
-        sea level is found by going down through the air of the report. The dew point's humidity is that of all heights.
+        A QNH is the station's pressure reduced to sea level through the standard column; the real
+        column's pressure at sea level is found by going down through the air of the report. The dew
+        point's humidity is that of all heights.
         """
         column.solve(0.0, 0.0)
-        usual_k, standard_pa = column.at(elevation_m, 1.0).temperature_k, Column().at(elevation_m, 1.0).pressure_pa
+        usual_k, standard_pa = (
+            column.at(elevation_m, 1.0).temperature_k,
+            Column().at(elevation_m, 1.0).pressure_pa,
+        )
         day = Day([], [], [], [], [], [])
         reports = [(report.time_s / self.hurry, report) for report in parse(self.reports)]
         for time_s, report in reports:
@@ -87,10 +93,14 @@ class Metar(Settings):
                 day.gust_mps.append((time_s, report.gust_mps))
         offset_k, humidity = Ramp(day.offset_k, 0.0), Ramp(day.relative_humidity, 0.0)
         for time_s, report in reports:
-            if report.qnh_hpa is not None:  # through the air that will be flown in, which other reports may tell
+            if (
+                report.qnh_hpa is not None
+            ):  # through the air that will be flown in, which other reports may tell
                 column.solve(offset_k(time_s), humidity(time_s))
                 station_hpa = report.qnh_hpa * standard_pa
-                day.sea_level_hpa.append((time_s, station_hpa / column.at(elevation_m, 1.0).pressure_pa))
+                day.sea_level_hpa.append(
+                    (time_s, station_hpa / column.at(elevation_m, 1.0).pressure_pa)
+                )
         return day
 
 
@@ -101,12 +111,15 @@ def _relative_humidity(temperature_k: float, dew_point_k: float) -> float:
 
 
 def parse(lines: tuple[str, ...]) -> list[Report]:
-    """The reports, timed from the first. Raises SimulationError for what is no METAR, or out of order."""
+    """The reports, timed from the first. Raises SimulationError for what is no METAR, or out of
+    order."""
     try:
-        from metar.Metar import Metar as Parser  # noqa: PLC0415  a tenth of a second that other scenarios need not pay
-        from metar.Metar import ParserError  # noqa: PLC0415
+        from metar.Metar import Metar as Parser
+        from metar.Metar import ParserError
     except ImportError as error:
-        raise SimulationError("METARs need the package metar: pip install 'kollsman[sim]'") from error
+        raise SimulationError(
+            "METARs need the package metar: pip install 'kollsman[sim]'"
+        ) from error
     found: list[Report] = []
     first_s = day_s = 0.0
     last_day = 0
@@ -131,7 +144,8 @@ def parse(lines: tuple[str, ...]) -> list[Report]:
         if found and time_s <= found[-1].time_s:
             raise SimulationError(f"'{line}' is not later than the report before it")
         speed_mps, gust_mps = (
-            None if s is None else float(s.value("MPS")) for s in (report.wind_speed, report.wind_gust)
+            None if s is None else float(s.value("MPS"))
+            for s in (report.wind_speed, report.wind_gust)
         )
         found.append(
             Report(
@@ -139,7 +153,9 @@ def parse(lines: tuple[str, ...]) -> list[Report]:
                 None if report.press is None else report.press.value("HPA"),
                 None if report.temp is None else report.temp.value("C") + 273.15,
                 None if report.dewpt is None else report.dewpt.value("C") + 273.15,
-                _wind(speed_mps, None if report.wind_dir is None else float(report.wind_dir.value())),
+                _wind(
+                    speed_mps, None if report.wind_dir is None else float(report.wind_dir.value())
+                ),
                 None if speed_mps is None else max(0.0, min(gust_mps or 0.0, 60.0) - speed_mps),
             )
         )

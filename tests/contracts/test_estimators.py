@@ -1,4 +1,5 @@
-"""What every estimator must do. A method in `ESTIMATORS` is tested here by what it declares, as soon as it is there."""
+"""What every estimator must do. A method in `ESTIMATORS` is tested here by what it declares, as
+soon as it is there."""
 
 import math
 from collections.abc import Callable
@@ -8,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from companion.atmosphere import baro_altitude_m, geopotential_m, standard_pressure_pa
 from companion.config import Settings
 from companion.estimators import ESTIMATORS, Filter, Method, run_log
-from companion.estimators.method import DELAY_HORIZON_US
+from companion.estimators.judging import DELAY_HORIZON_US
+from companion.kernels.atmosphere import baro_altitude_m, geopotential_m, standard_pressure_pa
 from companion.samples import DTYPES, Kind, Rows, SampleLog, Verdict, readable, sample
 from tests.flights import Array, Flight, Plan, flight
 
@@ -54,7 +55,9 @@ class Run(NamedTuple):
         """Estimate minus truth at the estimate's own times, where there is one."""
         known = np.isfinite(self.estimates["altitude_amsl_m"]) & (self.arrivals_s() >= after_s)
         rows = self.estimates[known]
-        return np.asarray(rows["altitude_amsl_m"] - self.flight.truth_m(rows["time_us"]), np.float64)
+        return np.asarray(
+            rows["altitude_amsl_m"] - self.flight.truth_m(rows["time_us"]), np.float64
+        )
 
 
 def run(method: Method, made: Flight, settings: Settings | None = None) -> Run:
@@ -199,12 +202,19 @@ def test_the_same_stream_gives_the_same_bytes(method: Method) -> None:
 
 @pytest.mark.parametrize("shift_s", [1, 86_400, 5_000_000])
 def test_nothing_depends_on_the_time_since_boot(method: Method, shift_s: int) -> None:
-    plain, shifted = healthy_run(method.name), run(method, healthy().copy().shift(shift_s * SECOND_US))
+    plain, shifted = (
+        healthy_run(method.name),
+        run(method, healthy().copy().shift(shift_s * SECOND_US)),
+    )
     assert (plain.verdicts == shifted.verdicts).all()
     known = np.isfinite(plain.estimates["altitude_amsl_m"])
-    assert (shifted.estimates["time_us"] - plain.estimates["time_us"])[known] == pytest.approx(shift_s * SECOND_US)
+    assert (shifted.estimates["time_us"] - plain.estimates["time_us"])[known] == pytest.approx(
+        shift_s * SECOND_US
+    )
     for name in ("altitude_amsl_m", "climb_mps", "altitude_sd_m"):
-        np.testing.assert_allclose(shifted.estimates[name], plain.estimates[name], rtol=0, atol=1e-6, err_msg=name)
+        np.testing.assert_allclose(
+            shifted.estimates[name], plain.estimates[name], rtol=0, atol=1e-6, err_msg=name
+        )
 
 
 def test_live_steps_are_the_compiled_run(method: Method) -> None:
@@ -334,7 +344,10 @@ def test_older_than_the_delay_horizon_is_stale(method: Method, kind: Kind) -> No
     before = content(result.state)
     assert result.step(kind, readable(_good(kind, now_us - DELAY_HORIZON_US - 1))) is Verdict.STALE
     assert content(result.state) == before
-    assert result.step(kind, readable(_good(kind, now_us - DELAY_HORIZON_US // 2))) is not Verdict.STALE
+    assert (
+        result.step(kind, readable(_good(kind, now_us - DELAY_HORIZON_US // 2)))
+        is not Verdict.STALE
+    )
 
 
 def test_a_kind_that_it_does_not_use_is_ignored(method: Method) -> None:
@@ -374,11 +387,15 @@ def baro_step(made: Flight) -> Flight:
 
 
 def baro_spike(made: Flight) -> Flight:
-    return made.change(Kind.PRESSURE, "pressure_pa", lambda value: value + 4000.0, FAULT_S[1] - 0.12, FAULT_S[1])
+    return made.change(
+        Kind.PRESSURE, "pressure_pa", lambda value: value + 4000.0, FAULT_S[1] - 0.12, FAULT_S[1]
+    )
 
 
 def baro_freeze(made: Flight) -> Flight:
-    return made.change(Kind.PRESSURE, "pressure_pa", lambda value: np.full_like(value, value[0]), *FAULT_S)
+    return made.change(
+        Kind.PRESSURE, "pressure_pa", lambda value: np.full_like(value, value[0]), *FAULT_S
+    )
 
 
 def gnss_step(made: Flight) -> Flight:
@@ -423,7 +440,11 @@ def test_a_lasting_step_of_the_barometer(method: Method) -> None:
     """A step of 50 m: learned as an offset, or kept in the altitude, as declared."""
     if Kind.PRESSURE not in method.uses:
         pytest.skip("not used")
-    stepped = healthy().copy().change(Kind.PRESSURE, "pressure_pa", lambda value: value - 600.0, FAULT_S[0])
+    stepped = (
+        healthy()
+        .copy()
+        .change(Kind.PRESSURE, "pressure_pa", lambda value: value - 600.0, FAULT_S[0])
+    )
     times_s = np.arange(FAULT_S[0] + 90.0, 259.0, 0.5)
     kept_m = run(method, stepped).altitude_m(times_s) - healthy_run(method.name).altitude_m(times_s)
     if method.follows_baro_step:
@@ -433,7 +454,8 @@ def test_a_lasting_step_of_the_barometer(method: Method) -> None:
 
 
 def test_the_datum(method: Method) -> None:
-    """The same flight one kilometre higher, barometer heights and all: the same errors, if so declared."""
+    """The same flight one kilometre higher, barometer heights and all: the same errors, if so
+    declared."""
     plain, higher = healthy().copy(), healthy().copy()
     up_m = 1000.0
 
@@ -444,7 +466,9 @@ def test_the_datum(method: Method) -> None:
     higher.change(Kind.PRESSURE, "pressure_pa", raised)
     higher.change(Kind.GNSS, "altitude_amsl_m", lambda value: value + up_m)
     times_s = np.arange(SETTLE_S, 259.0, 0.5)
-    change_m = run(method, higher).altitude_m(times_s) - up_m - run(method, plain).altitude_m(times_s)
+    change_m = (
+        run(method, higher).altitude_m(times_s) - up_m - run(method, plain).altitude_m(times_s)
+    )
     if method.datum_invariant:
         assert np.abs(change_m).max() <= 0.1
 

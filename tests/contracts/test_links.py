@@ -1,4 +1,5 @@
-"""One suite that every link passes: each scheme of the table against a real peer (pty, loopback socket, other end)."""
+"""One suite that every link passes: each scheme of the table against a real peer (pty, loopback
+socket, other end)."""
 
 import contextlib
 import errno
@@ -23,7 +24,8 @@ PATIENCE_S = 2.0
 
 
 class Peer(Protocol):
-    """What is at the other end of a link: as raw as possible, so that two wrongs cannot make a right."""
+    """What is at the other end of a link: as raw as possible, so that two wrongs cannot make a
+    right."""
 
     url: str
 
@@ -38,7 +40,8 @@ class Peer(Protocol):
 
 
 class PtyPeer:
-    """Holds the master of a pseudo-terminal whose slave has a lasting name, as in /dev/serial/by-id."""
+    """Holds the master of a pseudo-terminal whose slave has a lasting name, as in
+    /dev/serial/by-id."""
 
     def __init__(self, folder: Path) -> None:
         self._link = folder / "autopilot"
@@ -142,7 +145,11 @@ class TcpListener(SocketPeer):
         self._port = self.listening.getsockname()[1]
 
     def accept(self) -> None:
-        if self.listening and self.talking is None and select.select([self.listening], [], [], 0)[0]:
+        if (
+            self.listening
+            and self.talking is None
+            and select.select([self.listening], [], [], 0)[0]
+        ):
             self.talking, _ = self.listening.accept()
             self.talking.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
 
@@ -191,7 +198,9 @@ class Rig:
         """Bring both ends together and drain what that took."""
         give_up = time.monotonic() + PATIENCE_S
         while not self._met():
-            assert time.monotonic() < give_up, f"{self.link.url} never met its peer: {self.link.state}"
+            assert time.monotonic() < give_up, (
+                f"{self.link.url} never met its peer: {self.link.state}"
+            )
         while self.link.receive(0.0) or self.peer.read(0.0):
             pass
 
@@ -209,7 +218,8 @@ class Rig:
         return talking and self.link.state is LinkState.OPEN
 
     def lose(self) -> None:
-        """The peer goes, and the link gets to notice: on UDP by a refusal or by silence, elsewhere by the end."""
+        """The peer goes, and the link gets to notice: on UDP by a refusal or by silence, elsewhere
+        by the end."""
         self.peer.vanish()
         if isinstance(self.peer, UdpCaller) and isinstance(self.clock, ManualClock):
             self.clock.advance_s(61.0)
@@ -320,7 +330,9 @@ def test_a_peer_that_does_not_read_costs_whole_frames_and_no_time(rig: Rig) -> N
 
 
 @pytest.mark.parametrize("clock", [ManualClock, SystemClock])
-def test_silence_ends_with_the_timeout(make_rig: Make, clock: Callable[[], ManualClock | SystemClock]) -> None:
+def test_silence_ends_with_the_timeout(
+    make_rig: Make, clock: Callable[[], ManualClock | SystemClock]
+) -> None:
     rig = make_rig(clock())
     rig.meet()
     started, started_us = time.monotonic(), rig.clock.now_us()
@@ -346,7 +358,12 @@ def test_a_lost_peer_is_a_state_and_comes_back(rig: Rig) -> None:
         assert not all(sent)
         assert rig.link.statistics.dropped_bytes - dropped == 13 * sent.count(False)
         for _ in range(20):  # an outage of minutes, on the link's clock
-            assert rig.link.receive(1.0 if isinstance(rig.peer, PtyPeer | TcpListener | MemoryPeer) else 0.0) == b""
+            assert (
+                rig.link.receive(
+                    1.0 if isinstance(rig.peer, PtyPeer | TcpListener | MemoryPeer) else 0.0
+                )
+                == b""
+            )
         assert rig.link.state is LinkState.LOST
 
         rig.peer.come_back()
@@ -404,7 +421,10 @@ def test_ipv6() -> None:
         listens = open_link("udpin:[::1]:0")
     except LinkError as error:
         pytest.skip(str(error))
-    with contextlib.closing(listens), contextlib.closing(open_link(listens.url.replace("udpin", "udpout"))) as calls:
+    with (
+        contextlib.closing(listens),
+        contextlib.closing(open_link(listens.url.replace("udpin", "udpout"))) as calls,
+    ):
         assert calls.send(b"ping")
         assert listens.receive(PATIENCE_S) == b"ping"
 
@@ -461,7 +481,9 @@ def test_udpout_waits_for_a_peer_that_starts_later() -> None:
 
 def test_udpout_without_a_route_drops_and_keeps_trying() -> None:
     clock = ManualClock()
-    with contextlib.closing(open_link("udpout:255.255.255.255:9", clock)) as link:  # no broadcast without asking for it
+    with contextlib.closing(
+        open_link("udpout:255.255.255.255:9", clock)
+    ) as link:  # no broadcast without asking for it
         for _ in range(5):
             assert link.send(b"hello") is False
             clock.advance_s(1.0)
@@ -530,13 +552,18 @@ def test_serial_port_is_ours_alone(tmp_path: Path) -> None:
         open_link(peer.url)
 
 
-def test_serial_error_while_reading_is_a_loss(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_serial_error_while_reading_is_a_loss(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As a USB driver reports it, while the device file is still there."""
 
     def unplugged(*_: object) -> bytes:
         raise OSError(errno.EIO, "Input/output error")
 
-    with contextlib.closing(PtyPeer(tmp_path)) as peer, contextlib.closing(open_link(peer.url, ManualClock())) as link:
+    with (
+        contextlib.closing(PtyPeer(tmp_path)) as peer,
+        contextlib.closing(open_link(peer.url, ManualClock())) as link,
+    ):
         peer.write(b"x")
         with monkeypatch.context() as patch:
             patch.setattr("companion.links.serial_port._Port.recv", unplugged)
@@ -576,7 +603,8 @@ def test_memory_name_has_two_ends() -> None:
 
 
 def _is_a_link(link: Link, clock: Clock) -> None:
-    """Only here for mypy: the makers are named by text, so nothing else checks them against the protocol."""
+    """Only here for mypy: the makers are named by text, so nothing else checks them against the
+    protocol."""
     from companion.links import serial_port, tcp, udp, urls
 
     endpoint = urls.Endpoint("", "")

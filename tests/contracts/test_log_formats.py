@@ -18,7 +18,9 @@ NOON_US = 1_700_000_000_000_000
 def frames(count: int) -> list[bytes]:
     encoder = Encoder(1, 191)
     return [
-        encoder.encode(mavlink.MAVLink_named_value_float_message(index, b"value", float(index)), 1 + index % 2)
+        encoder.encode(
+            mavlink.MAVLink_named_value_float_message(index, b"value", float(index)), 1 + index % 2
+        )
         for index in range(count)
     ]
 
@@ -50,7 +52,9 @@ def test_reads_what_it_wrote(known: Format, path: Path) -> None:
     assert reader.position_bytes == reader.size_bytes == path.stat().st_size
 
 
-@settings(deadline=None, max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    deadline=None, max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(times=st.lists(st.integers(0, 30_000_000_000_000_000), min_size=1, max_size=8))
 def test_keeps_any_time(known: Format, path: Path, times: list[int]) -> None:
     packets = [Packet(time, data) for time, data in zip(times, frames(len(times)), strict=True)]

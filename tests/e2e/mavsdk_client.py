@@ -1,4 +1,5 @@
-"""MAVSDK's side of test_interop: run in MAVSDK's own environment, prints what it found as one line of JSON.
+"""MAVSDK's side of test_interop: run in MAVSDK's own environment, prints what it found as one line
+of JSON.
 
 python mavsdk_client.py CONNECTION_URL PARAMETER
 """
@@ -18,7 +19,8 @@ PATIENCE_S = 20.0
 
 
 def until(value: Callable[[], Any], good: Callable[[Any], bool]) -> Any:
-    """`value()` as soon as it is good, or what it is when patience ends. MAVSDK raises until it has heard some."""
+    """`value()` as soon as it is good, or what it is when patience ends. MAVSDK raises until it has
+    heard some."""
     deadline_s = time.monotonic() + PATIENCE_S
     while True:
         try:
@@ -46,7 +48,11 @@ def main(url: str, parameter: str) -> dict[str, Any]:
     before = until(lambda: param.get_param_float(parameter), lambda value: True)
     param.set_param_float(parameter, 12.5)
     everything = until(param.get_all_params, lambda found: len(found.float_params) > 0)
-    altitude = until(telemetry.altitude, lambda found: found.altitude_amsl_m > 1.0) if system_is_px4(system) else None
+    altitude = (
+        until(telemetry.altitude, lambda found: found.altitude_amsl_m > 1.0)
+        if system_is_px4(system)
+        else None
+    )
     return {
         "system_id": system.get_system_id(),
         "components": sorted(system.component_ids()),

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from companion.config import validate
-from sim import campaign
 from sim.scenario import Scenario, load_scenario
+from sim.studies import campaign
 
 ESTIMATOR = ("adaptive-fusion",)
 
@@ -43,7 +43,12 @@ def test_a_stopped_campaign_goes_on_where_it_was(tmp_path: Path) -> None:
     assert (first.count, second.count) == (1, 1)
     assert again[: len(rows)] == rows
     assert campaign.read(tmp_path / "campaign.parquet") == again
-    assert {row["source"] for row in rows} == {"adaptive-fusion", "autopilot's own", "raw GNSS", "raw barometer"}
+    assert {row["source"] for row in rows} == {
+        "adaptive-fusion",
+        "autopilot's own",
+        "raw GNSS",
+        "raw barometer",
+    }
     (line,) = [line for line in campaign.summary(again) if line["source"] == "adaptive-fusion"]
     assert line["flights"] == 2
     assert 0.5 < line["rmse_m"] < 20
@@ -73,10 +78,15 @@ def test_detection_times_come_with_the_rows(tmp_path: Path) -> None:
             {"fault": "freeze", "start_s": 900},
         ],
     }  # fmt: skip
-    job = campaign.Job(validate(values, Scenario, "a test"), 1, ("vertical-bank", "adaptive-fusion"))
+    job = campaign.Job(
+        validate(values, Scenario, "a test"), 1, ("vertical-bank", "adaptive-fusion")
+    )
     rows = campaign.run([job], Here(), tmp_path)
     assert all(row["error"] is None for row in rows), rows
-    lines = {line["source"]: line for line in campaign.summary(campaign.read(tmp_path / "campaign.parquet"))}
+    lines = {
+        line["source"]: line
+        for line in campaign.summary(campaign.read(tmp_path / "campaign.parquet"))
+    }
     ours, simple, raw = (lines[name] for name in ("vertical-bank", "adaptive-fusion", "raw GNSS"))
     assert (ours["faults"], ours["detected"], ours["wrong_share"]) == (1, 1, 0.0)
     assert 0.0 <= ours["detection_s"] < 5.0
@@ -103,10 +113,23 @@ def test_a_killed_worker_fails_its_flights_and_not_the_campaign(tmp_path: Path) 
 
 @pytest.mark.slow
 def test_a_killed_campaign_goes_on_where_it_was(tmp_path: Path) -> None:
-    """SIGKILL to the command and its workers after the first flight; the second run flies the others only."""
-    command = [sys.executable, "-m", "sim.cli", "campaign", "short-hop", "--seeds", "5", "--workers", "1"]
+    """SIGKILL to the command and its workers after the first flight; the second run flies the
+    others only."""
+    command = [
+        sys.executable,
+        "-m",
+        "sim.cli",
+        "campaign",
+        "short-hop",
+        "--seeds",
+        "5",
+        "--workers",
+        "1",
+    ]
     command += ["--estimator", "adaptive-fusion", "--out", str(tmp_path)]
-    first = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
+    first = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    )
     deadline_s = time.monotonic() + 120.0
     while not list(tmp_path.glob("parts/*.parquet")) and time.monotonic() < deadline_s:
         time.sleep(0.02)
@@ -124,7 +147,7 @@ def test_a_killed_campaign_goes_on_where_it_was(tmp_path: Path) -> None:
 
 _ORPHANING = """
 import os, time
-from sim.campaign import executor_of
+from sim.studies.campaign import executor_of
 
 if __name__ == "__main__":
     with executor_of(1, None) as pool:
@@ -143,14 +166,27 @@ def test_workers_end_with_a_parent_that_was_killed(tmp_path: Path) -> None:
     parent.wait()
     parent.stdout.close()
     deadline_s = time.monotonic() + 20.0
-    while Path(f"/proc/{worker}/stat").exists() and " Z " not in Path(f"/proc/{worker}/stat").read_text():
+    while (
+        Path(f"/proc/{worker}/stat").exists()
+        and " Z " not in Path(f"/proc/{worker}/stat").read_text()
+    ):
         assert time.monotonic() < deadline_s, "the worker outlived its parent"
         time.sleep(0.05)
 
 
 @pytest.mark.slow
 def test_command_on_two_processes(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "sim.cli", "campaign", "short-hop", "--seeds", "2", "--workers", "2"]
+    command = [
+        sys.executable,
+        "-m",
+        "sim.cli",
+        "campaign",
+        "short-hop",
+        "--seeds",
+        "2",
+        "--workers",
+        "2",
+    ]
     done = subprocess.run(
         [*command, "--estimator", "adaptive-fusion", "--out", str(tmp_path)],
         capture_output=True,
@@ -164,7 +200,9 @@ def test_command_on_two_processes(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning", "ignore::ResourceWarning")
+@pytest.mark.filterwarnings(
+    "ignore::pytest.PytestUnraisableExceptionWarning", "ignore::ResourceWarning"
+)
 def test_dask_cluster_gives_the_same_rows(tmp_path: Path) -> None:
     """A scheduler and two workers in processes of their own, spoken to over TCP."""
     from distributed import LocalCluster
@@ -173,9 +211,13 @@ def test_dask_cluster_gives_the_same_rows(tmp_path: Path) -> None:
     jobs = [hop(1), hop(2)]
     here = campaign.run(jobs, Here(), tmp_path / "here")
     with (
-        LocalCluster(n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None) as cluster,
+        LocalCluster(
+            n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+        ) as cluster,
         campaign.executor_of(1, cluster.scheduler_address) as executor,
     ):
         there = campaign.run(jobs, executor, tmp_path / "there")
     for a, b in zip(here, there, strict=True):
-        assert {k: v for k, v in a.items() if k not in timing} == {k: v for k, v in b.items() if k not in timing}
+        assert {k: v for k, v in a.items() if k not in timing} == {
+            k: v for k, v in b.items() if k not in timing
+        }

@@ -1,4 +1,5 @@
-"""The command `kollsman` as a user types it (in process; the live commands have tests of their own)."""
+"""The command `kollsman` as a user types it (in process; the live commands have tests of their
+own)."""
 
 import csv
 import json
@@ -14,7 +15,9 @@ from companion.logs.tlog import TlogReader
 from companion.mavlink.codec import Decoder, mavlink
 
 
-def call(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *arguments: str) -> tuple[int, str, str]:
+def call(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *arguments: str
+) -> tuple[int, str, str]:
     """Exit code, stdout and stderr of `kollsman ARGUMENTS`."""
     monkeypatch.setattr(sys, "argv", ["kollsman", *arguments])
     try:
@@ -34,7 +37,14 @@ def kollsman(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 def test_replay_reports_errors_beside_the_others(kollsman, short_hop: Path) -> None:  # type: ignore[no-untyped-def]
     code, out, _ = kollsman("replay", short_hop)
     assert code == 0
-    for label in ("Kollsman", "autopilot's own", "raw GNSS", "raw barometer", "RMSE", "ALTITUDE sent"):
+    for label in (
+        "Kollsman",
+        "autopilot's own",
+        "raw GNSS",
+        "raw barometer",
+        "RMSE",
+        "ALTITUDE sent",
+    ):
         assert label in out
 
 
@@ -49,16 +59,26 @@ def test_replay_json_csv_and_log(kollsman, short_hop: Path, tmp_path: Path) -> N
     assert lines[0][:4] == ["time_us", "altitude_amsl_m", "climb_mps", "altitude_sd_m"]
     assert len(lines) > 5000
     decoder = Decoder(datagrams=True)
-    ours = [f for p in TlogReader(log) for f in decoder.feed(p.data) if f.message_id == mavlink.MAVLINK_MSG_ID_ALTITUDE]
+    ours = [
+        f
+        for p in TlogReader(log)
+        for f in decoder.feed(p.data)
+        if f.message_id == mavlink.MAVLINK_MSG_ID_ALTITUDE
+    ]
     assert len(ours) == report["altitude"]["published"]
-    assert sum(1 for _ in TlogReader(log)) == sum(1 for _ in TlogReader(short_hop)) + len(ours) + others(log)
+    assert sum(1 for _ in TlogReader(log)) == sum(1 for _ in TlogReader(short_hop)) + len(
+        ours
+    ) + others(log)
 
 
 def others(log: Path) -> int:
     """Frames of ours that are not ALTITUDE."""
     decoder = Decoder(datagrams=True)
     frames = [frame for packet in TlogReader(log) for frame in decoder.feed(packet.data)]
-    return sum(frame.component_id == 191 and frame.message_id != mavlink.MAVLINK_MSG_ID_ALTITUDE for frame in frames)
+    return sum(
+        frame.component_id == 191 and frame.message_id != mavlink.MAVLINK_MSG_ID_ALTITUDE
+        for frame in frames
+    )
 
 
 @pytest.mark.parametrize(
@@ -108,5 +128,7 @@ def test_lists(kollsman, command: str) -> None:  # type: ignore[no-untyped-def]
 
 def test_help_imports_nothing_heavy() -> None:
     script = "import sys; import companion.cli; print([m for m in ('numba', 'numpy', 'pymavlink') if m in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, env=os.environ)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True, env=os.environ
+    )
     assert done.stdout.strip() == "[]"

@@ -7,11 +7,14 @@ import pytest
 
 from companion import cli
 from companion.settings import load_settings
+from tests.paths import DATA
 
-REAL = Path(__file__).parents[3] / "shared" / "data" / "real"
+REAL = DATA / "real"
 
 
-def call(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *arguments: object) -> tuple[int, str]:
+def call(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *arguments: object
+) -> tuple[int, str]:
     """Exit code, and what was printed anywhere."""
     monkeypatch.setattr(sys, "argv", ["kollsman", *map(str, arguments)])
     try:
@@ -23,12 +26,35 @@ def call(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *a
 
 
 def test_finds_gains_that_can_be_configured(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, short_hop: Path, tmp_path: Path
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    short_hop: Path,
+    tmp_path: Path,
 ) -> None:
     gains = tmp_path / "gains.yaml"
-    code, out = call(capsys, monkeypatch, "tune", "damping-loop", short_hop, "--generations", "10", "--out", gains)
+    code, out = call(
+        capsys,
+        monkeypatch,
+        "tune",
+        "damping-loop",
+        short_hop,
+        "--generations",
+        "10",
+        "--out",
+        gains,
+    )
     assert code == 0
-    for label in ("K1", "K2", "K3", "cost", "damping", "poles", "found", "the paper's", "slopes of GNSS height"):
+    for label in (
+        "K1",
+        "K2",
+        "K3",
+        "cost",
+        "damping",
+        "poles",
+        "found",
+        "the paper's",
+        "slopes of GNSS height",
+    ):
         assert label in out
     settings = load_settings(gains)
     assert settings.estimator == "damping-loop"
@@ -37,7 +63,9 @@ def test_finds_gains_that_can_be_configured(
     assert gains.read_text() in again  # the same seed
 
 
-@pytest.mark.parametrize("arguments", [("adaptive-fusion", "x.tlog"), ("damping-loop", "no-such.tlog")])
+@pytest.mark.parametrize(
+    "arguments", [("adaptive-fusion", "x.tlog"), ("damping-loop", "no-such.tlog")]
+)
 def test_a_mistake_is_one_line(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]
 ) -> None:
@@ -47,7 +75,11 @@ def test_a_mistake_is_one_line(
 
 
 @pytest.mark.skipif(not REAL.exists(), reason="the recorded logs are not here")
-def test_a_slow_imu_cannot_serve(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    code, out = call(capsys, monkeypatch, "tune", "damping-loop", REAL / "bruno_20211202-132614.tlog")
+def test_a_slow_imu_cannot_serve(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code, out = call(
+        capsys, monkeypatch, "tune", "damping-loop", REAL / "bruno_20211202-132614.tlog"
+    )
     assert code == 1
     assert "slower than 10 Hz" in out

@@ -1,7 +1,9 @@
-"""Clients that we did not write, against the simulated vehicle: MAVSDK (native, from its Python wheel) and MAVProxy.
+"""Clients that we did not write, against the simulated vehicle: MAVSDK (native, from its Python
+wheel) and MAVProxy.
 
-They live in an environment of their own, made once under the user's cache folder: MAVProxy is GPL and large, and is
-run, never imported. Where it cannot be made, the tests are skipped with pip's reason.
+They live in an environment of their own, made once under the user's cache folder: MAVProxy is GPL
+and large, and is run, never imported. Where it cannot be made, the tests are skipped with pip's
+reason.
 """
 
 import contextlib
@@ -22,8 +24,8 @@ from typing import Any
 
 import pytest
 
-from sim.demo import free_port
-from sim.flavours import FLAVOURS
+from sim.studies.demo import free_port
+from sim.vehicle.flavours import FLAVOURS
 
 pytestmark = pytest.mark.slow
 
@@ -52,10 +54,20 @@ def python() -> Path:
 
 def _install(folder: Path) -> None:
     made = folder / "bin" / "python"
-    pip = [str(made), "-m", "pip", "--disable-pip-version-check", "install", "--quiet", *REQUIREMENTS]
+    pip = [
+        str(made),
+        "-m",
+        "pip",
+        "--disable-pip-version-check",
+        "install",
+        "--quiet",
+        *REQUIREMENTS,
+    ]
     for command in ([sys.executable, "-m", "venv", str(folder)], pip):
         try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=INSTALL_TIMEOUT_S, check=False)
+            done = subprocess.run(
+                command, capture_output=True, text=True, timeout=INSTALL_TIMEOUT_S, check=False
+            )
         except subprocess.TimeoutExpired:
             pytest.skip(f"the clients cannot be installed: not done after {INSTALL_TIMEOUT_S:g} s")
         if done.returncode:
@@ -64,7 +76,8 @@ def _install(folder: Path) -> None:
 
 
 class Running:
-    """A process of ours with the lines that it has printed so far. What is expected of it comes in `patience_s`."""
+    """A process of ours with the lines that it has printed so far. What is expected of it comes in
+    `patience_s`."""
 
     def __init__(
         self,
@@ -142,7 +155,17 @@ def running(command: list[str], **options: Any) -> Iterator[Running]:
 
 
 def vehicle(flavour: str, *links: str) -> list[str]:
-    command = [sys.executable, "-m", "sim.cli", "fly", "short-hop", "--flavour", flavour, "--speed", "3"]
+    command = [
+        sys.executable,
+        "-m",
+        "sim.cli",
+        "fly",
+        "short-hop",
+        "--flavour",
+        flavour,
+        "--speed",
+        "3",
+    ]
     return command + [part for link in links for part in ("--link", link)]
 
 
@@ -156,7 +179,9 @@ def mavsdk(python: Path, port: int, parameter: str) -> dict[str, Any]:
     ("flavour", "autopilot", "parameter"),
     [("ardupilot", 2, "WP_RADIUS"), ("px4", 1, "NAV_ACC_RAD"), ("generic", 3, "LOITER_RADIUS")],
 )
-def test_mavsdk_discovers_reads_and_sets(python: Path, flavour: str, autopilot: int, parameter: str) -> None:
+def test_mavsdk_discovers_reads_and_sets(
+    python: Path, flavour: str, autopilot: int, parameter: str
+) -> None:
     port = free_port()
     with running(vehicle(flavour, f"udpout:127.0.0.1:{port}")) as flight:
         found = mavsdk(python, port, parameter)
@@ -193,7 +218,12 @@ def test_mavsdk_on_one_link_sees_the_companion_on_another(python: Path) -> None:
 def test_mavproxy_connects_and_shows(python: Path, tmp_path: Path) -> None:
     port = free_port()
     script = python.parent / "mavproxy.py"
-    command = [str(python), str(script), f"--master=udpin:127.0.0.1:{port}", f"--state-basedir={tmp_path}"]
+    command = [
+        str(python),
+        str(script),
+        f"--master=udpin:127.0.0.1:{port}",
+        f"--state-basedir={tmp_path}",
+    ]
     environment = {**os.environ, "HOME": str(tmp_path), "PYTHONUNBUFFERED": "1"}
     with (
         running(vehicle("ardupilot", f"udpout:127.0.0.1:{port}")),
@@ -205,7 +235,8 @@ def test_mavproxy_connects_and_shows(python: Path, tmp_path: Path) -> None:
         ground.expect(rf"Received {len(FLAVOURS['ardupilot'].parameters)} parameters")
         ground.expect(r"WP_RADIUS +90", lambda: ground.tell("param show WP_RADIUS"))
         position = ground.expect(
-            r"lat : (\d+), lon : \d+, alt : (\d+)", lambda: ground.tell("status GLOBAL_POSITION_INT")
+            r"lat : (\d+), lon : \d+, alt : (\d+)",
+            lambda: ground.tell("status GLOBAL_POSITION_INT"),
         )
         assert int(position[1]) == pytest.approx(470_000_000, abs=50_000)
         assert 280_000 < int(position[2]) < 560_000

@@ -1,4 +1,5 @@
-"""The commands as a user starts them: processes of their own, a real UDP socket, a serial line (pseudo-terminal)."""
+"""The commands as a user starts them: processes of their own, a real UDP socket, a serial line
+(pseudo-terminal)."""
 
 import os
 import re
@@ -55,8 +56,20 @@ def companion(link: str, *options: str) -> Iterator[tuple["subprocess.Popen[str]
 
 
 def fly(link: str, tlog: Path) -> str:
-    command = [sys.executable, "-m", "sim.cli", "fly", "short-hop", "--link", link, "--speed", SPEED]
-    done = subprocess.run([*command, "--tlog", str(tlog)], capture_output=True, text=True, timeout=300, check=False)
+    command = [
+        sys.executable,
+        "-m",
+        "sim.cli",
+        "fly",
+        "short-hop",
+        "--link",
+        link,
+        "--speed",
+        SPEED,
+    ]
+    done = subprocess.run(
+        [*command, "--tlog", str(tlog)], capture_output=True, text=True, timeout=300, check=False
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -76,7 +89,8 @@ def received(tlog: Path) -> Collector:
 
 
 def check_flight(tlog: Path, summary: str) -> None:
-    """What both links must bring: ALTITUDE at 10 Hz of vehicle time, better than a barometer that is off."""
+    """What both links must bring: ALTITUDE at 10 Hz of vehicle time, better than a barometer that
+    is off."""
     count = int(re.search(r"1/191: ALTITUDE (\d+)", summary)[1])  # type: ignore[index]
     assert count > 1500
     collector = received(tlog)

@@ -1,4 +1,5 @@
-"""The live loop on a memory link with a manual clock: the whole service, without sockets, processes or sleeps."""
+"""The live loop on a memory link with a manual clock: the whole service, without sockets, processes
+or sleeps."""
 
 import re
 from collections.abc import Iterator
@@ -56,7 +57,21 @@ class Bench:
             self.send(
                 mavlink.MAVLink_scaled_pressure_message(stamp, 954.61, 0, 2500),
                 mavlink.MAVLink_gps_raw_int_message(
-                    stamp * 1000, 3, 470000000, 80000000, 500_000, 100, 150, 0, 0, 10, 0, 1000, 2000, 0, 0
+                    stamp * 1000,
+                    3,
+                    470000000,
+                    80000000,
+                    500_000,
+                    100,
+                    150,
+                    0,
+                    0,
+                    10,
+                    0,
+                    1000,
+                    2000,
+                    0,
+                    0,
                 ),
             )
             self.turn(4)  # a memory link hands over one message a turn
@@ -100,8 +115,11 @@ def test_altitude_comes_back_at_ten_hertz_of_vehicle_time(short_hop: Path) -> No
     assert sorted(gaps_us)[len(gaps_us) // 2] == 100_000
 
 
-def test_live_and_replay_of_its_recording_agree_byte_for_byte(short_hop: Path, tmp_path: Path) -> None:
-    """ALTITUDE, DEBUG and STATUSTEXT of a live run equal those of a replay of what it recorded, sequence apart."""
+def test_live_and_replay_of_its_recording_agree_byte_for_byte(
+    short_hop: Path, tmp_path: Path
+) -> None:
+    """ALTITUDE, DEBUG and STATUSTEXT of a live run equal those of a replay of what it recorded,
+    sequence apart."""
     recording = tmp_path / "live.tlog"
     with TlogWriter(recording) as recorder:
         bench = Bench(recorder)
@@ -136,7 +154,11 @@ def test_requests_each_stream_once_and_reads_the_answers(bench: Bench) -> None:
         for message in bench.heard():
             if message.get_msgId() == COMMAND_LONG:
                 asked.append(message.param1)
-                bench.send(mavlink.MAVLink_command_ack_message(message.command, mavlink.MAV_RESULT_ACCEPTED))
+                bench.send(
+                    mavlink.MAVLink_command_ack_message(
+                        message.command, mavlink.MAV_RESULT_ACCEPTED
+                    )
+                )
         bench.clock.advance_s(0.1)
     assert asked.count(mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE) == 1
     assert asked.count(mavlink.MAVLINK_MSG_ID_GPS_RAW_INT) == 1
@@ -151,7 +173,11 @@ def test_silent_link_is_lost_and_comes_back(bench: Bench) -> None:
         bench.clock.advance_s(0.1)
         bench.turn()
     silent = bench.heard()
-    texts = [message.text for message in silent if message.get_msgId() == mavlink.MAVLINK_MSG_ID_STATUSTEXT]
+    texts = [
+        message.text
+        for message in silent
+        if message.get_msgId() == mavlink.MAVLINK_MSG_ID_STATUSTEXT
+    ]
     assert len(texts) == 1
     assert "LOST" in texts[0]
     assert not any(message.get_msgId() == ALTITUDE for message in silent)
@@ -166,7 +192,10 @@ def test_our_heartbeat_is_an_onboard_controller_on_the_vehicles_system(bench: Be
     bench.second(10_000)
     (beat,) = [message for message in bench.heard() if message.get_msgId() == HEARTBEAT]
     assert (beat.get_srcSystem(), beat.get_srcComponent()) == (1, 191)
-    assert (beat.type, beat.autopilot) == (mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID)
+    assert (beat.type, beat.autopilot) == (
+        mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
+        mavlink.MAV_AUTOPILOT_INVALID,
+    )
 
 
 def test_nothing_is_said_before_a_vehicle_is_heard(bench: Bench) -> None:
@@ -197,11 +226,17 @@ def test_commands_to_us_are_answered_unsupported(bench: Bench) -> None:
     bench.second(10_000)
     bench.heard()
     station = Encoder(255, 190)
-    bench.far.send(station.encode(mavlink.MAVLink_command_long_message(1, 191, 400, 0, 1, 0, 0, 0, 0, 0, 0)))
-    bench.far.send(station.encode(mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)))
+    bench.far.send(
+        station.encode(mavlink.MAVLink_command_long_message(1, 191, 400, 0, 1, 0, 0, 0, 0, 0, 0))
+    )
+    bench.far.send(
+        station.encode(mavlink.MAVLink_command_long_message(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0))
+    )
     bench.turn(2)
     answers = [m for m in bench.heard() if m.get_msgId() == mavlink.MAVLINK_MSG_ID_COMMAND_ACK]
-    assert [(answer.command, answer.result) for answer in answers] == [(400, mavlink.MAV_RESULT_UNSUPPORTED)]
+    assert [(answer.command, answer.result) for answer in answers] == [
+        (400, mavlink.MAV_RESULT_UNSUPPORTED)
+    ]
 
 
 @pytest.mark.parametrize(
@@ -216,7 +251,9 @@ def test_commands_to_us_are_answered_unsupported(bench: Bench) -> None:
         ),
     ],
 )
-def test_notice_says_what_was_heard_and_what_to_check(bench: Bench, messages: list[Message], expected: str) -> None:
+def test_notice_says_what_was_heard_and_what_to_check(
+    bench: Bench, messages: list[Message], expected: str
+) -> None:
     bench.send(*messages)
     bench.turn(len(messages) + 1)
     notice = bench.service.notice()

@@ -15,8 +15,9 @@ from companion.logs.tlog import TlogReader
 from companion.mavlink.codec import Decoder
 from sim.flight import Flight
 from sim.scenario import load_scenario
+from tests.paths import ROOT
 
-REPOSITORY = Path(__file__).parents[2]
+REPOSITORY = ROOT
 STANDING = "name: standing\nsummary: of a test\nprofile:\n  - {leg: wait, duration_s: 15}\n"
 
 
@@ -30,7 +31,13 @@ def environment() -> dict[str, str]:
 
 def run(*arguments: str, cwd: Path) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(
-        command(*arguments), cwd=cwd, env=environment(), capture_output=True, text=True, timeout=60, check=False
+        command(*arguments),
+        cwd=cwd,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
     )
 
 
@@ -43,7 +50,9 @@ def test_fly_writes_the_same_bytes_in_every_process_and_nothing_else(tmp_path: P
     assert [path.name for path in tmp_path.iterdir()] == ["hop.tlog"]
     here = tmp_path / "here.tlog"
     Flight(load_scenario("short-hop"), tlog=here, seed=5).run()
-    hashes = [hashlib.sha256(path.read_bytes()).hexdigest() for path in (here, tmp_path / "hop.tlog")]
+    hashes = [
+        hashlib.sha256(path.read_bytes()).hexdigest() for path in (here, tmp_path / "hop.tlog")
+    ]
     assert hashes[0] == hashes[1]
 
 
@@ -71,8 +80,16 @@ def test_the_documented_scenario_flies_twice_to_the_same_bytes(tmp_path: Path) -
     ("arguments", "code", "complaint"),
     [
         (["fly", "short-hop"], 2, "nowhere to fly to: give a --link URL, a --tlog FILE, or both"),
-        (["fly", "short-hop", "--tlog", "x.tlog", "--speed", "fast"], 2, "--speed 'fast' is neither"),
-        (["fly", "nothing", "--tlog", "x.tlog"], 1, "no scenario 'nothing': there are airliner-descent"),
+        (
+            ["fly", "short-hop", "--tlog", "x.tlog", "--speed", "fast"],
+            2,
+            "--speed 'fast' is neither",
+        ),
+        (
+            ["fly", "nothing", "--tlog", "x.tlog"],
+            1,
+            "no scenario 'nothing': there are airliner-descent",
+        ),
         (["fly", "none.yaml", "--tlog", "x.tlog"], 1, "none.yaml: no such file"),
         (["fly", "short-hop", "--link", "pigeon:1"], 1, "unknown scheme 'pigeon'"),
         (["fly", "short-hop", "--tlog", "no/folder/x.tlog"], 1, "no/folder/x.tlog"),
@@ -143,7 +160,11 @@ def test_help_is_quick_and_has_examples(tmp_path: Path) -> None:
     assert "kollsman-sim fly short-hop --tlog hop.tlog" in result.stdout
     assert min(elapsed_s) < 1.0  # 0.2 s here; no JSBSim, no NumPy: those take 0.6 s
     modules = subprocess.run(
-        [sys.executable, "-c", "import sys, sim.cli; print({'numpy', 'jsbsim', 'pymavlink'} & set(sys.modules))"],
+        [
+            sys.executable,
+            "-c",
+            "import sys, sim.cli; print({'numpy', 'jsbsim', 'pymavlink'} & set(sys.modules))",
+        ],
         env=environment(),
         capture_output=True,
         text=True,
@@ -158,14 +179,30 @@ def test_a_signal_ends_a_live_flight_in_good_order(number: signal.Signals, tmp_p
         listener.bind(("127.0.0.1", 0))
         listener.settimeout(30.0)
         url = f"udpout:127.0.0.1:{listener.getsockname()[1]}"
-        arguments = command("fly", "short-hop", "--link", url, "--speed", "20", "--tlog", "live.tlog", "--all-streams")
+        arguments = command(
+            "fly",
+            "short-hop",
+            "--link",
+            url,
+            "--speed",
+            "20",
+            "--tlog",
+            "live.tlog",
+            "--all-streams",
+        )
         process = subprocess.Popen(
-            arguments, cwd=tmp_path, env=environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            arguments,
+            cwd=tmp_path,
+            env=environment(),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
         )
         decoder = Decoder(datagrams=True)
         names: set[str] = set()
         while len(names) < 5:
-            names |= {decoder.decode(frame).get_type() for frame in decoder.feed(listener.recv(65535))}  # type: ignore[union-attr]
+            messages = map(decoder.decode, decoder.feed(listener.recv(65535)))
+            names |= {message.get_type() for message in messages if message is not None}
         process.send_signal(number)
         output, errors = process.communicate(timeout=30)
     assert process.returncode == 0, errors

@@ -1,4 +1,5 @@
-"""`kollsman run` beside `kollsman-sim fly` as PX4 and as an autopilot of no name, over UDP; and the option itself."""
+"""`kollsman run` beside `kollsman-sim fly` as PX4 and as an autopilot of no name, over UDP; and the
+option itself."""
 
 import re
 import subprocess
@@ -11,7 +12,7 @@ from companion.evaluation.report import Collector
 from companion.logs.tlog import TlogReader
 from companion.pipeline import Pipeline
 from companion.settings import CompanionSettings
-from sim.demo import Companion, free_port
+from sim.studies.demo import Companion, free_port
 
 FLY = [sys.executable, "-m", "sim.cli", "fly", "short-hop"]
 
@@ -20,7 +21,9 @@ def test_a_flavour_that_is_none_is_wrong_usage(tmp_path: Path) -> None:
     command = [*FLY, "--flavour", "betaflight", "--tlog", str(tmp_path / "x.tlog")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
-    assert done.stderr == "kollsman-sim: --flavour 'betaflight' is none of ardupilot, px4, generic\n"
+    assert (
+        done.stderr == "kollsman-sim: --flavour 'betaflight' is none of ardupilot, px4, generic\n"
+    )
 
 
 @pytest.mark.slow

@@ -6,9 +6,15 @@ import time
 import numpy as np
 import pytest
 
-from companion.estimators.adaptive_fusion import METHOD, AdaptiveFusionSettings, adaptive_factor, fused_sd_m, gain
+from companion.estimators.adaptive_fusion import (
+    METHOD,
+    AdaptiveFusionSettings,
+    adaptive_factor,
+    fused_sd_m,
+    gain,
+)
 from companion.estimators.method import run_log
-from sim.papers import adaptive_fusion as paper
+from sim.studies.papers import adaptive_fusion as paper
 
 R_B, R_GPS = paper.R_B, paper.R_GPS
 
@@ -29,7 +35,9 @@ def test_factor_is_the_most_likely_one() -> None:
     variances = candidates * R_B + R_GPS
     for delta in (0.0, 5.0, 14.0, 16.0, -30.0, 90.0):
         likelihood = -0.5 * np.log(variances) - 0.5 * delta**2 / variances
-        assert adaptive_factor(delta, R_B, R_GPS) == pytest.approx(candidates[np.argmax(likelihood)], abs=1e-3)
+        assert adaptive_factor(delta, R_B, R_GPS) == pytest.approx(
+            candidates[np.argmax(likelihood)], abs=1e-3
+        )
 
 
 @pytest.mark.parametrize("bias_m", [60.0, 80.0, 120.0])
@@ -37,20 +45,26 @@ def test_mean_square_error_when_the_barometer_is_wrong(bias_m: float) -> None:
     """R_GPS + 3 R_GPS^2 / b^2 to second order in the noise: above GPS alone, while P is below."""
     mean_square_m2, _ = fused(adaptive=True, bias_m=bias_m)
     fourth_order_m2 = 15 * R_GPS**2 * (R_B + R_GPS) / bias_m**4
-    assert mean_square_m2 == pytest.approx(R_GPS + 3 * R_GPS**2 / bias_m**2, abs=4.0 + fourth_order_m2)
+    assert mean_square_m2 == pytest.approx(
+        R_GPS + 3 * R_GPS**2 / bias_m**2, abs=4.0 + fourth_order_m2
+    )
     assert mean_square_m2 > R_GPS
 
 
-@pytest.mark.parametrize(("adaptive", "bias_m"), [(True, 40.0), (True, 80.0), (False, 40.0), (False, 80.0)])
+@pytest.mark.parametrize(
+    ("adaptive", "bias_m"), [(True, 40.0), (True, 80.0), (False, 40.0), (False, 80.0)]
+)
 def test_spread_is_the_error_to_expect(adaptive: bool, bias_m: float) -> None:
-    """Where the barometer is wrong, the mean square error is the mean of the variance that is reported."""
+    """Where the barometer is wrong, the mean square error is the mean of the variance that is
+    reported."""
     mean_square_m2, claimed_m2 = fused(adaptive, bias_m)
     assert mean_square_m2 / claimed_m2 == pytest.approx(1.0, abs=0.08)
 
 
 @pytest.mark.parametrize(("adaptive", "ratio"), [(True, 0.63), (False, 0.50)])
 def test_spread_is_cautious_where_nothing_is_wrong(adaptive: bool, ratio: float) -> None:
-    """One residual does not tell noise from a fault, so the spread allows for a fault: up to 1.4 times."""
+    """One residual does not tell noise from a fault, so the spread allows for a fault: up to 1.4
+    times."""
     mean_square_m2, claimed_m2 = fused(adaptive, 0.0)
     assert mean_square_m2 / claimed_m2 == pytest.approx(ratio, abs=0.03)
 
@@ -80,16 +94,28 @@ def tallies() -> tuple[paper.Tally, paper.Tally, paper.Tally]:
 
 
 class TestReproduction:
-    """The acceptance figures of papers/README.md, section H; tolerances are three standard errors of both means."""
+    """The acceptance figures of papers/README.md, section H; tolerances are three standard errors
+    of both means."""
 
     def test_heights_need_another_gas_constant(self) -> None:
         assert float(paper.height_m(23.0)) == pytest.approx(10894.252293896347, abs=1e-6)
         assert float(paper.height_m(99.85)) == pytest.approx(123.46886627612994, abs=1e-6)
-        assert float(paper.height_m(23.0, gas_constant=287.0)) == pytest.approx(10892.60966280354, abs=1e-6)
-        assert float(paper.height_m(99.85, gas_constant=287.0)) == pytest.approx(123.44738973975896, abs=1e-6)
+        assert float(paper.height_m(23.0, gas_constant=287.0)) == pytest.approx(
+            10892.60966280354, abs=1e-6
+        )
+        assert float(paper.height_m(99.85, gas_constant=287.0)) == pytest.approx(
+            123.44738973975896, abs=1e-6
+        )
 
     def test_drift_by_the_pressure(self) -> None:
-        biases = {400: -40.3406, 600: -48.4540, 800: -56.3038, 1000: -63.9258, 1300: -74.9878, 1500: -82.1437}
+        biases = {
+            400: -40.3406,
+            600: -48.4540,
+            800: -56.3038,
+            1000: -63.9258,
+            1300: -74.9878,
+            1500: -82.1437,
+        }
         for iteration, bias_m in biases.items():
             assert paper.DRIFT.bias_m[iteration - 1] == pytest.approx(bias_m, abs=1e-3)
 
@@ -113,7 +139,8 @@ class TestReproduction:
         assert drift.rms("baro_m").mean == pytest.approx(57.92, abs=0.09)
 
     def test_table_1_only_with_k_as_the_pressure(self, tallies: tuple[paper.Tally, ...]) -> None:
-        """Each printed P is within the spread of ours under that reading, and 20 spreads away under the literal one."""
+        """Each printed P is within the spread of ours under that reading, and 20 spreads away under
+        the literal one."""
         _, drift, literal = tallies
         for iteration, printed in paper.TABLE_1.items():
             low, high = np.quantile(drift.variance_m2[iteration], [0.01, 0.99])
@@ -122,15 +149,19 @@ class TestReproduction:
             assert printed < min(literal.variance_m2[iteration]) - 1.0
 
     def test_table_1_as_a_whole(self) -> None:
-        """The six residuals that the printed P need are a plausible draw: chi-squared with 6 degrees of freedom."""
-        needed = np.array([R_GPS / math.sqrt(R_GPS - printed) for printed in paper.TABLE_1.values()])
+        """The six residuals that the printed P need are a plausible draw: chi-squared with 6
+        degrees of freedom."""
+        needed = np.array(
+            [R_GPS / math.sqrt(R_GPS - printed) for printed in paper.TABLE_1.values()]
+        )
         biases = np.abs(paper.DRIFT.bias_m[[i - 1 for i in paper.TABLE_1]])
         assert 1.2 < float(np.sum((needed - biases) ** 2 / (R_B + R_GPS))) < 14.4
 
 
 @pytest.mark.slow
 def test_monte_carlo_of_the_paper_takes_a_third_of_a_second() -> None:
-    """1538 steps x 400 seeds, both filters, pressures and fixes as rows; random numbers excluded. Best of three."""
+    """1538 steps x 400 seeds, both filters, pressures and fixes as rows; random numbers excluded.
+    Best of three."""
     stream = paper.Stream()
     stream.fill(paper.DRIFT.baro_m, paper.DRIFT.truth_m)
     both = [

@@ -1,4 +1,5 @@
-"""Paper W's filter against other methods: brute force, batch least squares, the Riccati equation, consistency."""
+"""Paper W's filter against other methods: brute force, batch least squares, the Riccati equation,
+consistency."""
 
 import math
 from typing import Any
@@ -9,12 +10,12 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.linalg import solve_discrete_are
 
-from companion.atmosphere import L0_KPM, T0_K, geopotential_m, standard_pressure_pa
 from companion.estimators.air_data_gnss import LINEAR, METHOD, AirDataGnssSettings, scale_variance
 from companion.estimators.method import Filter
-from companion.kalman import correct
+from companion.kernels.atmosphere import L0_KPM, T0_K, geopotential_m, standard_pressure_pa
+from companion.kernels.kalman import correct
 from companion.samples import Kind, sample
-from sim.papers import air_data_gnss as paper
+from sim.studies.papers import air_data_gnss as paper
 
 Array = NDArray[np.float64]
 DT_US = 200_000
@@ -37,7 +38,8 @@ def corrected(seed: int) -> tuple[Array, Array]:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_z_update_is_the_mixture_over_hypotheses_of_a(seed: int) -> None:
-    """(23), (27)-(31) by their definition: a bank of Kalman filters for b, one for each of 4001 values of a."""
+    """(23), (27)-(31) by their definition: a bank of Kalman filters for b, one for each of 4001
+    values of a."""
     a, b, P_a, P_b, z, h, R = prior(seed)
     bank = a + math.sqrt(P_a) * np.linspace(-9.0, 9.0, 4001)
     logs = -0.5 * ((z - h * bank - b) ** 2 / (P_b + R) + (bank - a) ** 2 / P_a)
@@ -46,7 +48,9 @@ def test_z_update_is_the_mixture_over_hypotheses_of_a(seed: int) -> None:
     K = P_b / (P_b + R)
     conditional = b + K * (z - h * bank - b)
     mean = np.array([alpha @ bank, alpha @ conditional])
-    variance = np.array([alpha @ (bank - mean[0]) ** 2, (1.0 - K) * P_b + alpha @ (conditional - mean[1]) ** 2])
+    variance = np.array(
+        [alpha @ (bank - mean[0]) ** 2, (1.0 - K) * P_b + alpha @ (conditional - mean[1]) ** 2]
+    )
     x, P = corrected(seed)
     np.testing.assert_allclose(x, mean, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(np.diag(P), variance, rtol=1e-6)
@@ -54,11 +58,16 @@ def test_z_update_is_the_mixture_over_hypotheses_of_a(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(6))
 def test_z_update_is_bayes_rule_on_a_grid(seed: int) -> None:
-    """Prior times likelihood, integrated over both unknowns: also the correlation that the paper drops."""
+    """Prior times likelihood, integrated over both unknowns: also the correlation that the paper
+    drops."""
     a, b, P_a, P_b, z, h, R = prior(seed)
     axis = np.linspace(-7.0, 7.0, 701)
-    grid_a, grid_b = np.meshgrid(a + math.sqrt(P_a) * axis, b + math.sqrt(P_b) * axis, indexing="ij")
-    logs = -0.5 * ((grid_a - a) ** 2 / P_a + (grid_b - b) ** 2 / P_b + (z - h * grid_a - grid_b) ** 2 / R)
+    grid_a, grid_b = np.meshgrid(
+        a + math.sqrt(P_a) * axis, b + math.sqrt(P_b) * axis, indexing="ij"
+    )
+    logs = -0.5 * (
+        (grid_a - a) ** 2 / P_a + (grid_b - b) ** 2 / P_b + (z - h * grid_a - grid_b) ** 2 / R
+    )
     weight = np.exp(logs - logs.max())
     weight /= weight.sum()
     mean = np.array([(weight * grid_a).sum(), (weight * grid_b).sum()])
@@ -78,10 +87,15 @@ def test_printed_z_update_is_the_marginals_of_the_joint_one(seed: int) -> None:
 
 
 def test_bias_and_scale_factor_are_those_of_batch_least_squares() -> None:
-    """All a_k and b_k of 80 cycles at once: prior, walks, temperatures, fixes. Only the last must agree, and does."""
+    """All a_k and b_k of 80 cycles at once: prior, walks, temperatures, fixes. Only the last must
+    agree, and does."""
     cycles, every = 80, 5
     settings = AirDataGnssSettings(
-        preset="paper", covariance="joint", regressor="gnss", scale_walk_per_second=2e-6, bias_walk_m2ps=5.0
+        preset="paper",
+        covariance="joint",
+        regressor="gnss",
+        scale_walk_per_second=2e-6,
+        bias_walk_m2ps=5.0,
     )
     running, rng = Filter(METHOD, settings), np.random.default_rng(11)
     rows: list[tuple[Array, float, float]] = []
@@ -102,7 +116,11 @@ def test_bias_and_scale_factor_are_those_of_batch_least_squares() -> None:
             equation({2 * k + 1: 1.0, 2 * k - 1: -1.0}, 0.0, settings.bias_walk_m2ps * 0.2)
         predicted_m, variance_m2 = predicted(running, baro_m)
         lam = -(air_k - L0_KPM * predicted_m - T0_K) / T0_K
-        equation({2 * k: 1.0}, lam, scale_variance(settings.temperature_sd_k**2, variance_m2, predicted_m, T0_K))
+        equation(
+            {2 * k: 1.0},
+            lam,
+            scale_variance(settings.temperature_sd_k**2, variance_m2, predicted_m, T0_K),
+        )
         time_us = 1_000_000 + k * DT_US
         running.step(Kind.AIR, sample(Kind.AIR, time_us, air_temperature_k=air_k))
         if k % every == 0:
@@ -139,7 +157,9 @@ def test_alpha_beta_filter_settles_at_the_riccati_equation(values: dict[str, Any
     Q, H = np.diag([0.0, settings.climb_walk_m2ps3 * 0.2]), np.array([[1.0, 0.0]])
     before = solve_discrete_are(F.T, H.T, Q, np.array([[settings.baro_variance_m2]]))
     K = before @ H.T / (H @ before @ H.T + settings.baro_variance_m2)
-    np.testing.assert_allclose(running.state["P_motion"][0], (np.eye(2) - K @ H) @ before, rtol=1e-9)
+    np.testing.assert_allclose(
+        running.state["P_motion"][0], (np.eye(2) - K @ H) @ before, rtol=1e-9
+    )
     np.testing.assert_allclose(running.state["K"][0], K[:, 0], rtol=1e-9)
 
 
@@ -155,12 +175,14 @@ def test_law_of_temperature_is_the_derivative_of_the_exact_one() -> None:
 
 
 def test_joint_covariance_is_consistent_on_its_own_model() -> None:
-    """Two-sided: the mean of the normalised errors squared, chi-squared with 2 degrees of freedom each."""
+    """Two-sided: the mean of the normalised errors squared, chi-squared with 2 degrees of freedom
+    each."""
     seeds = 250
     low, high = stats.chi2.ppf((0.005, 0.995), 2 * seeds) / seeds
     assert low < paper.normalised_errors("joint", seeds).mean() < high
 
 
 def test_marginal_covariance_of_the_paper_is_not() -> None:
-    """By design: after each fix it forgets the correlation of a and b. Pinned; 2 would be consistent."""
+    """By design: after each fix it forgets the correlation of a and b. Pinned; 2 would be
+    consistent."""
     assert paper.normalised_errors("marginal", 250).mean() == pytest.approx(12.5, abs=2.5)

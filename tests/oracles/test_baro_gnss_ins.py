@@ -1,4 +1,5 @@
-"""Paper R's filter by other methods: an earth-fixed strapdown, batch least squares, Monte Carlo of its own model."""
+"""Paper R's filter by other methods: an earth-fixed strapdown, batch least squares, Monte Carlo of
+its own model."""
 
 import math
 from collections.abc import Callable
@@ -8,12 +9,12 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from companion.atmosphere import geopotential_m, standard_pressure_pa
-from companion.earth import ECCENTRICITY2, EQUATORIAL_RADIUS_M, ROTATION_RADPS, gravity_mps2
-from companion.estimators.baro_gnss_ins import METHOD, BaroGnssInsSettings
+from companion.estimators.baro_gnss_ins.steps import METHOD, BaroGnssInsSettings
+from companion.estimators.baro_gnss_ins.strapdown import mechanise, set_attitude
 from companion.estimators.method import run_log
+from companion.kernels.atmosphere import geopotential_m, standard_pressure_pa
+from companion.kernels.earth import ECCENTRICITY2, EQUATORIAL_RADIUS_M, ROTATION_RADPS, gravity_mps2
 from companion.samples import Kind, SampleLog, sample
-from companion.strapdown import mechanise, set_attitude
 
 Array = NDArray[np.float64]
 Signal = Callable[[float], Array]
@@ -34,7 +35,12 @@ def earth_fixed(latitude: float, longitude: float, height: float) -> Array:
 
 def geodetic(place: Array) -> Array:
     """Latitude, longitude, height by fixed-point iteration."""
-    level, longitude, latitude, height = math.hypot(place[0], place[1]), math.atan2(place[1], place[0]), 0.0, 0.0
+    level, longitude, latitude, height = (
+        math.hypot(place[0], place[1]),
+        math.atan2(place[1], place[0]),
+        0.0,
+        0.0,
+    )
     latitude = math.atan2(place[2], level * (1.0 - ECCENTRICITY2))
     for _ in range(8):
         n = EQUATORIAL_RADIUS_M / math.sqrt(1.0 - ECCENTRICITY2 * math.sin(latitude) ** 2)
@@ -45,7 +51,12 @@ def geodetic(place: Array) -> Array:
 
 def to_earth(latitude: float, longitude: float) -> Array:
     """The matrix from north-east-down to earth-fixed axes."""
-    sl, cl, so, co = math.sin(latitude), math.cos(latitude), math.sin(longitude), math.cos(longitude)
+    sl, cl, so, co = (
+        math.sin(latitude),
+        math.cos(latitude),
+        math.sin(longitude),
+        math.cos(longitude),
+    )
     return np.array([[-sl * co, -so, -cl * co], [-sl * so, co, -cl * so], [cl, 0.0, -sl]])
 
 
@@ -94,9 +105,14 @@ def mean_over(signal: Signal, start_s: float, dt_s: float) -> Array:
     return np.asarray(sum(w * signal(t) for w, t in zip(weights, times, strict=True)) / 2.0)
 
 
-@pytest.mark.parametrize(("rate_hz", "position_m", "velocity_mps"), [(50, 0.05, 0.01), (200, 0.005, 0.001)])
-def test_mechanisation_against_an_earth_fixed_one(rate_hz: int, position_m: float, velocity_mps: float) -> None:
-    """Twenty seconds of weaving and rolling at 100 m/s: the difference is coning and sculling, second order in dt."""
+@pytest.mark.parametrize(
+    ("rate_hz", "position_m", "velocity_mps"), [(50, 0.05, 0.01), (200, 0.005, 0.001)]
+)
+def test_mechanisation_against_an_earth_fixed_one(
+    rate_hz: int, position_m: float, velocity_mps: float
+) -> None:
+    """Twenty seconds of weaving and rolling at 100 m/s: the difference is coning and sculling,
+    second order in dt."""
     latitude, longitude, height = math.radians(47.0), math.radians(8.0), 1000.0
     angles, vec_n, end_s = (0.2, 0.1, 1.0), np.array([60.0, 80.0, -3.0]), 20.0
     axes = to_earth(latitude, longitude)
@@ -140,8 +156,11 @@ def test_mechanisation_against_an_earth_fixed_one(rate_hz: int, position_m: floa
     [(1e-7, 1e-5, 1e-5), (0.04, 0.25, 0.08)],
     ids=["linear", "with the scale factor, whose row is held for 10 m"],
 )
-def test_vertical_filter_is_batch_least_squares(scale_sd: float, estimate_sds: float, spread: float) -> None:
-    """Every pressure, fix, prior and random acceleration of two minutes at once, each divided by its spread."""
+def test_vertical_filter_is_batch_least_squares(
+    scale_sd: float, estimate_sds: float, spread: float
+) -> None:
+    """Every pressure, fix, prior and random acceleration of two minutes at once, each divided by
+    its spread."""
     settings = BaroGnssInsSettings(
         baro_walk_m_rts=0.2,
         baro_scale_sd_ratio=scale_sd,
@@ -156,8 +175,13 @@ def test_vertical_filter_is_batch_least_squares(scale_sd: float, estimate_sds: f
     h_p, fixes = exact + 0.7 * random.normal(size=n), heights + 3.0 * random.normal(size=n)
     for i in range(n):
         pressure_pa, time_us = standard_pressure_pa(geopotential_m(h_p[i])), (i + 1) * 1_000_000
-        log.append(Kind.PRESSURE, sample(Kind.PRESSURE, time_us, pressure_pa=pressure_pa, suspect=0))
-        log.append(Kind.GNSS, sample(Kind.GNSS, time_us, altitude_amsl_m=fixes[i], vertical_sd_m=3.0, fix_type=3))
+        log.append(
+            Kind.PRESSURE, sample(Kind.PRESSURE, time_us, pressure_pa=pressure_pa, suspect=0)
+        )
+        log.append(
+            Kind.GNSS,
+            sample(Kind.GNSS, time_us, altitude_amsl_m=fixes[i], vertical_sd_m=3.0, fix_type=3),
+        )
     state = run_log(METHOD, log, settings)[2][0]
 
     # Unknowns: (h, climb, b, s) at every second.
@@ -194,7 +218,8 @@ def test_vertical_filter_is_batch_least_squares(scale_sd: float, estimate_sds: f
 
 @pytest.mark.slow
 def test_normalised_errors_of_a_matched_model() -> None:
-    """White errors as the filter assumes them, random-walking b and s: height, climb and b, s are as good as P says."""
+    """White errors as the filter assumes them, random-walking b and s: height, climb and b, s are
+    as good as P says."""
     settings = BaroGnssInsSettings(
         baro_walk_m_rts=0.1,
         baro_scale_sd_ratio=0.02,
@@ -212,11 +237,18 @@ def test_normalised_errors_of_a_matched_model() -> None:
         b = 30.0 * random.normal() + np.cumsum(0.1 * random.normal(size=n))
         s = 0.02 * random.normal() + np.cumsum(1e-5 * random.normal(size=n))
         for i in range(n):
-            pressure_pa = standard_pressure_pa(geopotential_m((h[i] - b[i]) / (1.0 + s[i]) + random.normal()))
+            pressure_pa = standard_pressure_pa(
+                geopotential_m((h[i] - b[i]) / (1.0 + s[i]) + random.normal())
+            )
             time_us = (i + 1) * 1_000_000
-            log.append(Kind.PRESSURE, sample(Kind.PRESSURE, time_us, pressure_pa=pressure_pa, suspect=0))
+            log.append(
+                Kind.PRESSURE, sample(Kind.PRESSURE, time_us, pressure_pa=pressure_pa, suspect=0)
+            )
             fix_m = h[i] + 3.0 * random.normal()
-            log.append(Kind.GNSS, sample(Kind.GNSS, time_us, altitude_amsl_m=fix_m, vertical_sd_m=3.0, fix_type=3))
+            log.append(
+                Kind.GNSS,
+                sample(Kind.GNSS, time_us, altitude_amsl_m=fix_m, vertical_sd_m=3.0, fix_type=3),
+            )
         state = run_log(METHOD, log, settings)[2][0]
         error = np.array([h[-1] - state["position"][2], b[-1] - state["b_m"], s[-1] - state["s"]])
         kept = np.ix_([2, 15, 16], [2, 15, 16])

@@ -1,4 +1,5 @@
-"""The baro-inertial Kalman filter against batch least squares, and its variances against its errors."""
+"""The baro-inertial Kalman filter against batch least squares, and its variances against its
+errors."""
 
 from typing import Any
 
@@ -7,8 +8,14 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.stats import chi2
 
-from companion.estimators.baro_ins_kf import BaroInsKfSettings, advance, init, spread_out, start_at
-from companion.kalman import correct
+from companion.estimators.baro_inertial.baro_ins_kf import (
+    BaroInsKfSettings,
+    advance,
+    init,
+    spread_out,
+    start_at,
+)
+from companion.kernels.kalman import correct
 from companion.samples import Rows
 
 Array = NDArray[np.float64]
@@ -26,7 +33,8 @@ SETTINGS = BaroInsKfSettings(
 
 
 def model() -> tuple[Array, Array]:
-    """Transition and noise of (climb, altitude, barometer bias, accelerometer bias) over a barometer interval.
+    """Transition and noise of (climb, altitude, barometer bias, accelerometer bias) over a
+    barometer interval.
 
     From the differential equation, by Van Loan's matrix exponential.
     """
@@ -54,7 +62,8 @@ def started(first_m: float) -> tuple[Rows, Rows]:
 
 
 def step(state: Rows, params: Rows, index: int, forces: Array, height_m: float) -> float:
-    """Five IMU samples and one barometer height, by the filter's own steps; the normalised innovation squared."""
+    """Five IMU samples and one barometer height, by the filter's own steps; the normalised
+    innovation squared."""
     for place, force in enumerate(forces):
         state["acceleration_mps2"] = force
         advance(state, params, round((index * EVERY + place + 1) * IMU_S * 1e6))
@@ -66,19 +75,24 @@ def step(state: Rows, params: Rows, index: int, forces: Array, height_m: float) 
 
 
 def drawn(random: np.random.Generator, count: int) -> tuple[Array, Array, Array]:
-    """Truth (count + 1, 4), accelerometer (count, EVERY) and barometer (count,) of the filter's own model."""
+    """Truth (count + 1, 4), accelerometer (count, EVERY) and barometer (count,) of the filter's own
+    model."""
     transition, noise = model()
     root = np.linalg.cholesky(noise + 1e-15 * np.eye(4))
     state, _ = started(0.0)
     truth = np.empty((count + 1, 4))
-    truth[0] = np.linalg.cholesky(np.asarray(state["P"][0]) + 1e-12 * np.eye(4)) @ random.normal(size=4)
+    truth[0] = np.linalg.cholesky(np.asarray(state["P"][0]) + 1e-12 * np.eye(4)) @ random.normal(
+        size=4
+    )
     moves = 0.5 * np.sin(0.3 * IMU_S * np.arange(count * EVERY)).reshape(count, EVERY)
     for k in range(count):
         climb, height = 0.0, 0.0
         for move in moves[k]:
             height += IMU_S * (climb + 0.5 * IMU_S * move)
             climb += IMU_S * move
-        truth[k + 1] = transition @ truth[k] + root @ random.normal(size=4) + [climb, height, 0.0, 0.0]
+        truth[k + 1] = (
+            transition @ truth[k] + root @ random.normal(size=4) + [climb, height, 0.0, 0.0]
+        )
     heights = truth[1:, 1] + truth[1:, 2] + random.normal(0.0, SETTINGS.baro_sd_m, count)
     return truth, moves, heights
 

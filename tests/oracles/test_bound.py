@@ -1,24 +1,30 @@
-"""The Cramer-Rao bound against the inverse of the whole flight's information matrix, and against drawn flights."""
+"""The Cramer-Rao bound against the inverse of the whole flight's information matrix, and against
+drawn flights."""
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim.evaluation.bound import BIAS, CLIMB, HEIGHT, STATES, WANDER, Model, bound
-from sim.evaluation.bound_section import BANK, MODEL, bound_m, interval, squares
-from sim.evaluation.common_scenarios import SCENARIOS, draw
-from sim.evaluation.sensor_level import Array
+from sim.studies.goals.bound import BIAS, CLIMB, HEIGHT, STATES, WANDER, Model, bound
+from sim.studies.goals.bound_section import BANK, MODEL, bound_m, interval, squares
+from sim.studies.goals.common_scenarios import SCENARIOS, draw
+from sim.studies.goals.sensor_level import Array
 
 STEPS = 40
 SMALL = Model(height_sd_m=50.0, climb_sd_mps=3.0)
 
 
-def batch(model: Model, height_m: Array, scale: float, has_fix: NDArray[np.bool_], upto: int) -> Array:
-    """Variance of height at every instant given all samples up to `upto`: one least-squares problem in the first state
-    and the noises that drive the later ones, written from the equations of motion."""
+def batch(
+    model: Model, height_m: Array, scale: float, has_fix: NDArray[np.bool_], upto: int
+) -> Array:
+    """Variance of height at every instant given all samples up to `upto`: one least-squares problem
+    in the first state and the noises that drive the later ones, written from the equations of
+    motion."""
     dt, sources = model.step_s, []
     first = np.sqrt(np.diag(model.prior))
-    x = np.zeros((STEPS, STATES, STATES + 4 * (STEPS - 1)))  # state k as a linear map of the unknowns
+    x = np.zeros(
+        (STEPS, STATES, STATES + 4 * (STEPS - 1))
+    )  # state k as a linear map of the unknowns
     x[0, :, :STATES] = np.eye(STATES)
     for k in range(STEPS - 1):
         before, after = x[k], x[k + 1]
@@ -31,7 +37,10 @@ def batch(model: Model, height_m: Array, scale: float, has_fix: NDArray[np.bool_
         for number, (state, (keep, _)) in enumerate(model.keep.items(), start=1):
             after[state] *= keep
             after[state, STATES + 4 * k + number] += 1.0
-        sources += [model.accel_white_sd_mps2, *(sd * np.sqrt(1 - keep**2) for keep, sd in model.keep.values())]
+        sources += [
+            model.accel_white_sd_mps2,
+            *(sd * np.sqrt(1 - keep**2) for keep, sd in model.keep.values()),
+        ]
     information = np.diag(1.0 / np.square([*first, *sources]))
     for k in range(upto + 1):
         baro = (1.0 + scale) * x[k, HEIGHT] + x[k, 4] + height_m[k] * x[k, 6] + x[k, 7]
@@ -52,7 +61,9 @@ def test_filter_and_smoother_are_the_inverse_of_the_whole_information() -> None:
     whole = batch(SMALL, height_m, scale, has_fix, STEPS - 1)
     assert list(smoother_m2[:, 0]) == pytest.approx(list(whole), rel=1e-6)
     for k in (0, 7, 20, STEPS - 1):
-        assert filter_m2[k, 0] == pytest.approx(batch(SMALL, height_m, scale, has_fix, k)[k], rel=1e-6)
+        assert filter_m2[k, 0] == pytest.approx(
+            batch(SMALL, height_m, scale, has_fix, k)[k], rel=1e-6
+        )
 
 
 def test_a_smoother_knows_more_and_an_outage_costs() -> None:
@@ -79,7 +90,8 @@ def test_the_ratio_of_equal_errors_is_one() -> None:
 
 @pytest.mark.slow
 def test_the_bank_with_the_priors_of_the_model_is_at_its_bound() -> None:
-    """Sixteen seeds of S2: mean square error over the bound is 1 within three of its standard errors."""
+    """Sixteen seeds of S2: mean square error over the bound is 1 within three of its standard
+    errors."""
     squared = squares("S2", range(101, 117))[BANK]
     lowest_m, _, _, _ = bound_m(SCENARIOS["S2"], MODEL, 2)
     ratio = squared / lowest_m**2

@@ -1,4 +1,5 @@
-"""The damping loop against SciPy: its differential equation, its feedback, and an exhaustive search of its gains."""
+"""The damping loop against SciPy: its differential equation, its feedback, and an exhaustive search
+of its gains."""
 
 import numpy as np
 import pytest
@@ -6,11 +7,17 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.signal import lsim, place_poles
 
-from companion import tuning
-from companion.estimators import damping_loop
-from companion.estimators.damping_loop import PARAMS, advance, feed_back, init, matched_gains, poles
+from companion.estimators.baro_inertial import damping_loop, tuning
+from companion.estimators.baro_inertial.damping_loop import (
+    PARAMS,
+    advance,
+    feed_back,
+    init,
+    matched_gains,
+    poles,
+)
+from companion.estimators.baro_inertial.tuning import Gains
 from companion.samples import rows
-from companion.tuning import Gains
 from tests.flights import flight
 
 Array = NDArray[np.float64]
@@ -24,7 +31,8 @@ def matrix(gains: Gains) -> Array:
 
 
 def feed(gains: Gains, time_s: Array, baro_m: Array, force_mps2: Array, every: int) -> Array:
-    """The compiled loop: acceleration at each instant, the barometer at each `every`-th; h and v, shape (n, 2)."""
+    """The compiled loop: acceleration at each instant, the barometer at each `every`-th; h and v,
+    shape (n, 2)."""
     params = rows(PARAMS)
     params["poles"], params["baro_alone_poles"] = poles(*gains), poles(*damping_loop.BARO_ALONE)
     state = init(params)
@@ -44,7 +52,8 @@ def feed(gains: Gains, time_s: Array, baro_m: Array, force_mps2: Array, every: i
 
 
 def course(time_s: Array) -> tuple[Array, Array]:
-    """Barometer height and accelerometer of a vehicle that goes up and down; both are a little wrong."""
+    """Barometer height and accelerometer of a vehicle that goes up and down; both are a little
+    wrong."""
     baro_m = 100.0 + 20.0 * np.sin(0.1 * time_s) + 0.5 * np.sin(0.7 * time_s)
     return baro_m, -0.2 * np.sin(0.1 * time_s) + 0.05
 
@@ -62,7 +71,9 @@ def test_fast_sensors_give_the_differential_equation(gains: Gains) -> None:
             np.eye(3),
             np.zeros((3, 2)),
         )
-        _, expected, _ = lsim(system, np.stack([baro_m, force], axis=1), time_s, X0=[baro_m[0], 0.0, 0.0])
+        _, expected, _ = lsim(
+            system, np.stack([baro_m, force], axis=1), time_s, X0=[baro_m[0], 0.0, 0.0]
+        )
         found = feed(gains, time_s, baro_m, force, every=1)
         worst.append(float(np.abs(found - expected[:, :2]).max()))
     assert worst[1] < 0.04
@@ -76,12 +87,15 @@ def test_feedback_is_pole_placement(gains: Gains, interval_s: float) -> None:
     fly = np.array([[1.0, interval_s, interval_s**2 / 2], [0.0, 1.0, interval_s], [0.0, 0.0, 1.0]])
     wanted = np.linalg.eigvals(expm(matrix(gains) * interval_s))
     placed = place_poles(fly.T, (np.array([[1.0, 0.0, 0.0]]) @ fly).T, wanted).gain_matrix.ravel()
-    np.testing.assert_allclose(matched_gains(*poles(*gains), interval_s), placed, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(
+        matched_gains(*poles(*gains), interval_s), placed, rtol=1e-6, atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("interval_s", [0.001, 0.02, 0.394, 0.5, 1.0, 3.0, 10.0])
 def test_error_dies_out_at_every_rate(interval_s: float) -> None:
-    """From 1 ms to 10 s, IMU and barometer at the same rate, over the time that the slow poles need."""
+    """From 1 ms to 10 s, IMU and barometer at the same rate, over the time that the slow poles
+    need."""
     count = round(200.0 / interval_s) + 2
     time_s = np.linspace(0.0, interval_s * min(count, 30_000), min(count, 30_000) + 1)
     baro_m = np.full(time_s.size, 50.0)
@@ -94,7 +108,8 @@ def test_error_dies_out_at_every_rate(interval_s: float) -> None:
 
 @pytest.mark.parametrize("baro_s", [0.1, 1.0, 2.0])
 def test_slow_barometer_does_not_lag_behind_a_climb(baro_s: float) -> None:
-    """A barometer that is held between samples would drag the altitude by half an interval of climb."""
+    """A barometer that is held between samples would drag the altitude by half an interval of
+    climb."""
     time_s: Array = np.arange(0.0, 120.0, 0.02)
     climb = 10.0 * np.clip((time_s - 10.0) / 5.0, 0.0, 1.0)
     altitude = np.concatenate([[0.0], np.cumsum(0.5 * (climb[1:] + climb[:-1]) * 0.02)])
@@ -108,7 +123,8 @@ def test_genetic_search_against_all_strings() -> None:
     trial = tuning.Flight(flight(duration_s=40.0, imu_hz=15.0, pressure_hz=5.0, gnss_hz=2.0).log())
     costs = np.array([trial.cost(tuning.decode(string)) for string in range(2**tuning.STRING_BITS)])
     found = [
-        tuning.search(lambda string: float(costs[string]), np.random.default_rng(seed)).cost / costs.min()
+        tuning.search(lambda string: float(costs[string]), np.random.default_rng(seed)).cost
+        / costs.min()
         for seed in range(30)
     ]
     assert max(found) < 1.05

@@ -1,15 +1,16 @@
-"""Paper R's page: figures that an independent implementation reached (papers/README.md R), and those pinned here."""
+"""Paper R's page: figures that an independent implementation reached (papers/README.md R), and
+those pinned here."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from companion.atmosphere import standard_pressure_pa
-from sim.page import generators
-from sim.papers import PAPERS
-from sim.papers import baro_gnss_ins as paper
-from sim.papers.page import Verdict
+from companion.kernels.atmosphere import standard_pressure_pa
+from sim.studies.page import generators
+from sim.studies.papers import PAPERS
+from sim.studies.papers import baro_gnss_ins as paper
+from sim.studies.papers.page import Verdict
 
 SEEDS = 4
 
@@ -17,15 +18,20 @@ SEEDS = 4
 @pytest.mark.parametrize(("rate_hz", "climb_mps"), [(1, 0.416), (10, 4.16)])
 def test_what_5_pa_between_samples_allow(rate_hz: int, climb_mps: float) -> None:
     """.42 m/s at 1 Hz, 4.2 m/s at 10 Hz."""
-    pressure = np.array([standard_pressure_pa(height) for height in np.arange(60) * (0.99 * climb_mps) / rate_hz])
+    pressure = np.array(
+        [standard_pressure_pa(height) for height in np.arange(60) * (0.99 * climb_mps) / rate_hz]
+    )
     assert paper.gate_on_last(pressure).all()
-    pressure = np.array([standard_pressure_pa(height) for height in np.arange(60) * (1.02 * climb_mps) / rate_hz])
+    pressure = np.array(
+        [standard_pressure_pa(height) for height in np.arange(60) * (1.02 * climb_mps) / rate_hz]
+    )
     assert not paper.gate_on_last(pressure)[1:20].any()
 
 
 @pytest.mark.parametrize("rate_hz", [1, 10, 20])
 def test_gates_on_a_descent_of_ten_metres_a_second(rate_hz: int) -> None:
-    """Against the last accepted value 98 % and more are rejected; by the trend under 0.1 %, and no spike passes."""
+    """Against the last accepted value 98 % and more are rejected; by the trend under 0.1 %, and no
+    spike passes."""
     shares = paper.Descents.of(rate_hz, SEEDS)
     assert 98.0 < shares.rejected["accepted"].mean < 100.0
     assert shares.rejected["trend"].mean < (0.1 if rate_hz > 1 else 0.4)
@@ -53,7 +59,10 @@ def test_level_flight_has_rank_one_and_a_climb_two() -> None:
 def test_the_page(tmp_path: Path) -> None:
     page = PAPERS["R"].reproduce(SEEDS, tmp_path, lambda fraction, what: None)
     rows = {row.claim: row for row in page.rows}
-    assert rows["the barometer stabilises it: largest error in the outage"].verdict is Verdict.REPRODUCES
+    assert (
+        rows["the barometer stabilises it: largest error in the outage"].verdict
+        is Verdict.REPRODUCES
+    )
     assert rows["(16) is the derivative of (15)"].verdict is Verdict.REPRODUCES
     assert rows["at the pressure of 0 m"].verdict is Verdict.DOES_NOT
     assert "baro-gnss-ins-outage.png" in page.markdown()

@@ -1,4 +1,5 @@
-"""Paper C's filters against other methods: batch least squares, a filter written in matrices, and open loop."""
+"""Paper C's filters against other methods: batch least squares, a filter written in matrices, and
+open loop."""
 
 import math
 
@@ -7,10 +8,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy import linalg, stats
 
-from companion.estimators import integrated_altimeters as pair
-from companion.estimators import vertical_error as paper
 from companion.estimators.method import Filter
-from companion.estimators.robust_altimeter import METHOD, RobustAltimeterSettings
+from companion.estimators.robust_altimeter import altimeters as pair
+from companion.estimators.robust_altimeter import error_model as paper
+from companion.estimators.robust_altimeter.steps import METHOD, RobustAltimeterSettings
 from companion.samples import Rows
 
 Array = NDArray[np.float64]
@@ -39,7 +40,9 @@ def phi() -> Array:
 
 def noise() -> tuple[Array, Array]:
     """G (12) and Q."""
-    return np.vstack([np.zeros((2, 3)), T_D * np.eye(3)]), np.diag([SIGMA_A**2, SIGMA_G**2, SIGMA_UB**2])
+    return np.vstack([np.zeros((2, 3)), T_D * np.eye(3)]), np.diag(
+        [SIGMA_A**2, SIGMA_G**2, SIGMA_UB**2]
+    )
 
 
 def params() -> Rows:
@@ -62,21 +65,29 @@ def ours(Z: Array, robust: bool) -> tuple[Array, Array]:
 
 def measurements(count: int) -> Array:
     rng = np.random.default_rng(5)
-    return 0.3 * np.arange(count) + 20.0 * (np.arange(count) > count // 2) + 3.0 * rng.standard_normal(count)
+    return (
+        0.3 * np.arange(count)
+        + 20.0 * (np.arange(count) > count // 2)
+        + 3.0 * rng.standard_normal(count)
+    )
 
 
 def test_optimal_filter_is_batch_least_squares() -> None:
-    """The last state that minimises the weighted squares of start, system noise and measurement noise together."""
+    """The last state that minimises the weighted squares of start, system noise and measurement
+    noise together."""
     count, F, (G, Q) = 40, phi(), noise()
     Z = measurements(count)
-    # unknowns: the first state, then the three noises of each interval; everything is linear in them
+    # unknowns: the first state, then the three noises of each interval; everything is linear in
+    # them
     unknowns = 5 + 3 * (count - 1)
     states = [np.hstack([np.eye(5), np.zeros((5, unknowns - 5))])]
     for i in range(1, count):
         state = F @ states[-1]
         state[:, 5 + 3 * (i - 1) : 8 + 3 * (i - 1)] += G
         states.append(state)
-    prior = linalg.block_diag(linalg.inv(linalg.sqrtm(P_0)), *[linalg.inv(linalg.sqrtm(Q))] * (count - 1))
+    prior = linalg.block_diag(
+        linalg.inv(linalg.sqrtm(P_0)), *[linalg.inv(linalg.sqrtm(Q))] * (count - 1)
+    )
     A = np.vstack([prior, *(H @ state / math.sqrt(R) for state in states)])
     b = np.concatenate([np.zeros(unknowns), Z / math.sqrt(R)])
     solution, *_ = linalg.lstsq(A, b)
@@ -110,9 +121,11 @@ def test_filters_are_those_written_in_matrices(robust: bool) -> None:
 
 @pytest.mark.parametrize("k", [paper.IBI, paper.IIG])
 def test_closed_loop_is_the_open_loop_filter(k: int) -> None:
-    """Feeding the errors back changes the mechanisation, not the estimate: its height is H_I - Delta H of open loop.
+    """Feeding the errors back changes the mechanisation, not the estimate: its height is H_I -
+    Delta H of open loop.
 
-    The accelerometer is wrong by 0.05 m/s2; open loop, its height runs away while the estimate stays.
+    The accelerometer is wrong by 0.05 m/s2; open loop, its height runs away while the estimate
+    stays.
     """
     result = Filter(METHOD, RobustAltimeterSettings(preset="paper", gain="optimal"))
     state, p, s = result.state, result.params, result.state[0]
@@ -146,10 +159,12 @@ def test_closed_loop_is_the_open_loop_filter(k: int) -> None:
 
 
 def test_optimal_filter_is_consistent_on_its_own_model() -> None:
-    """NEES of the five states and NIS of every measurement, both two-sided at 99.9 %; (2)-(7) drive the truth.
+    """NEES of the five states and NIS of every measurement, both two-sided at 99.9 %; (2)-(7) drive
+    the truth.
 
-    The robust filter is not quite, by its design: (26) takes a measurement's full weight from P whatever prob(1/i) is.
-    Without faults that costs it 4 % of NEES here; with them neither P nor the spread of (19) says anything.
+    The robust filter is not quite, by its design: (26) takes a measurement's full weight from P
+    whatever prob(1/i) is. Without faults that costs it 4 % of NEES here; with them neither P nor
+    the spread of (19) says anything.
     """
     count, flights, F, (G, Q) = 120, 150, phi(), noise()
     rng, p = np.random.default_rng(12), params()

@@ -1,4 +1,5 @@
-"""The vertical channel against a textbook Kalman filter with whole matrices, and against batch least squares."""
+"""The vertical channel against a textbook Kalman filter with whole matrices, and against batch
+least squares."""
 
 import math
 
@@ -6,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from companion.estimators import vertical_channel as vc
+from companion.estimators.vertical_bank import channel as vc
 
 Array = NDArray[np.float64]
 TIMES_S = (600.0, 60.0, 250.0)
@@ -36,7 +37,9 @@ def noise(dt_s: float) -> Array:
 def prior(seed: int) -> tuple[Array, Array]:
     rng = np.random.default_rng(seed)
     x = np.array([500.0, 3.0, 0.1, -20.0, 0.05, 0.2, 0.02, 1.0])
-    root = rng.normal(size=(vc.SIZE, vc.SIZE)) * np.array([3.0, 0.5, 0.1, 3.0, 0.05, 0.3, 0.02, 2.0])
+    root = rng.normal(size=(vc.SIZE, vc.SIZE)) * np.array(
+        [3.0, 0.5, 0.1, 3.0, 0.05, 0.3, 0.02, 2.0]
+    )
     return x, root.T @ root
 
 
@@ -85,13 +88,18 @@ def test_correction_is_the_textbook_one(seed: int) -> None:
 
 
 def test_late_height_is_that_of_its_own_time() -> None:
-    """A known parabola, a biased accelerometer: the row and the integrals find the height of 0.3 s ago."""
+    """A known parabola, a biased accelerometer: the row and the integrals find the height of 0.3 s
+    ago."""
     late_s, up, bias, climb = 0.3, 2.0, 0.4, 5.0  # true acceleration 1.6
     x = np.zeros(vc.SIZE)
     x[vc.HEIGHT], x[vc.CLIMB], x[vc.ACCEL] = 100.0, climb, bias
     H = np.zeros(vc.SIZE)
     vc.sees_height(H, late_s)
-    V, S, S_then = up * 2.0, 0.5 * up * 2.0**2, 0.5 * up * 1.7**2  # integrated since two seconds ago
+    V, S, S_then = (
+        up * 2.0,
+        0.5 * up * 2.0**2,
+        0.5 * up * 1.7**2,
+    )  # integrated since two seconds ago
     back = late_s * V - (S - S_then)
     truth = 100.0 - climb * late_s + 0.5 * (up - bias) * late_s**2
     assert vc.dot(H, x) + back == pytest.approx(truth, abs=1e-12)
@@ -100,7 +108,8 @@ def test_late_height_is_that_of_its_own_time() -> None:
 
 
 def test_filter_is_batch_least_squares() -> None:
-    """Forty seconds of barometer and GNSS: the last estimate is the minimum of the whole cost (no scale: linear)."""
+    """Forty seconds of barometer and GNSS: the last estimate is the minimum of the whole cost (no
+    scale: linear)."""
     rng = np.random.default_rng(3)
     n, dt_s, R_baro, R_gnss = 40, 1.0, 0.16, 9.0
     steady, walk = STEADY.copy(), WALK.copy()
@@ -112,7 +121,10 @@ def test_filter_is_batch_least_squares() -> None:
     up, baro, gnss = rng.normal(size=n), 300 + rng.normal(size=n), 320 + rng.normal(size=n)
     u = np.zeros((n, vc.SIZE))
     u[:, vc.HEIGHT], u[:, vc.CLIMB] = 0.5 * up * dt_s**2, up * dt_s
-    rows = {0: np.eye(vc.SIZE)[[vc.HEIGHT, vc.OFFSET, vc.FAST]].sum(0), 1: np.eye(vc.SIZE)[[0, vc.GNSS_BIAS]].sum(0)}
+    rows = {
+        0: np.eye(vc.SIZE)[[vc.HEIGHT, vc.OFFSET, vc.FAST]].sum(0),
+        1: np.eye(vc.SIZE)[[0, vc.GNSS_BIAS]].sum(0),
+    }
 
     x, P, keep, H, K = x0.copy(), P0.copy(), np.zeros(vc.SIZE), np.zeros(vc.SIZE), np.zeros(vc.SIZE)
     vc.decay(keep, dt_s, *TIMES_S)
@@ -123,7 +135,8 @@ def test_filter_is_batch_least_squares() -> None:
             innovation = z - vc.dot(H, x)
             vc.absorb(x, P, K, innovation, vc.gather(P, H, K) + R)
 
-    # the same as one linear Gaussian problem: mean and covariance of the whole trajectory, then condition on all z
+    # the same as one linear Gaussian problem: mean and covariance of the whole trajectory, then
+    # condition on all z
     means, cov = [x0], P0
     blocks = {(0, 0): P0}
     for k in range(n):
@@ -137,7 +150,9 @@ def test_filter_is_batch_least_squares() -> None:
     for k in range(n):
         A[2 * k, vc.SIZE * (k + 1) : vc.SIZE * (k + 2)] = rows[0]
         A[2 * k + 1, vc.SIZE * (k + 1) : vc.SIZE * (k + 2)] = rows[1]
-    whole = np.block([[blocks[i, j] if i <= j else blocks[j, i].T for j in range(n + 1)] for i in range(n + 1)])
+    whole = np.block(
+        [[blocks[i, j] if i <= j else blocks[j, i].T for j in range(n + 1)] for i in range(n + 1)]
+    )
     mean, z = np.concatenate(means), np.column_stack([baro, gnss]).ravel()
     S = A @ whole @ A.T + np.diag(np.tile([R_baro, R_gnss], n))
     gain = np.linalg.solve(S, A @ whole).T

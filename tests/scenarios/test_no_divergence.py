@@ -1,11 +1,13 @@
-"""Over any minute no estimator is worse than the worse of its raw sensors by more than 5 m, while those are healthy.
+"""Over any minute no estimator is worse than the worse of its raw sensors by more than 5 m, while
+those are healthy.
 
-The four flights with truth (skipped where they are absent) and two of our own through a front. RMS over windows of
-60 s.
+The four flights with truth (skipped where they are absent) and two of our own through a front. RMS
+over windows of 60 s.
 
-An estimator that does not follow a step of the barometer (paper K's two) takes its datum from the start and keeps it: a
-raw barometer of the same datum, less its error at the start, is its measure, since the absolute one may pass through
-zero error by accident. The front begins at 1019 hPa: after it the absolute error is 3 m, that since the start 31 m.
+An estimator that does not follow a step of the barometer (paper K's two) takes its datum from the
+start and keeps it: a raw barometer of the same datum, less its error at the start, is its measure,
+since the absolute one may pass through zero error by accident. The front begins at 1019 hPa: after
+it the absolute error is 3 m, that since the start 31 m.
 """
 
 from dataclasses import replace
@@ -19,8 +21,9 @@ from companion.evaluation.compare import SETTLE_S, Series, compare
 from companion.evaluation.metrics import Array, truth_at
 from sim.flight import Flight
 from sim.scenario import load_scenario
+from tests.paths import DATA
 
-FLIGHTS = Path(__file__).resolve().parents[3] / "shared" / "data" / "flights"
+FLIGHTS = DATA / "flights"
 WINDOW_S, STRIDE_S = 60.0, 10.0
 MARGIN_M = 5.0
 START_S = 30.0
@@ -32,7 +35,9 @@ def rms_by_window(series: Series, truth_us: Array, truth_m: Array, starts_us: Ar
     error_m = series.altitude_m - truth_at(series.times_us, truth_us, truth_m)
     found = np.full(starts_us.shape, np.nan)
     for index, start_us in enumerate(starts_us):
-        within = error_m[(series.times_us >= start_us) & (series.times_us < start_us + WINDOW_S * 1e6)]
+        within = error_m[
+            (series.times_us >= start_us) & (series.times_us < start_us + WINDOW_S * 1e6)
+        ]
         within = within[np.isfinite(within)]
         if within.size:
             found[index] = np.sqrt(np.mean(within**2))
@@ -45,7 +50,9 @@ def assert_no_divergence(path: Path) -> None:
     first_us = min(series.times_us[0] for series in found.series)
     last_us = found.truth_us[-1]
     starts_us = np.arange(first_us + SETTLE_S * 1e6, last_us - WINDOW_S * 1e6, STRIDE_S * 1e6)
-    rms_m = {s.label: rms_by_window(s, found.truth_us, found.truth_m, starts_us) for s in found.series}
+    rms_m = {
+        s.label: rms_by_window(s, found.truth_us, found.truth_m, starts_us) for s in found.series
+    }
     baro = next(series for series in found.series if series.label == RAW[0])
     baro_error_m = baro.altitude_m - truth_at(baro.times_us, found.truth_us, found.truth_m)
     at_start_m = np.nanmedian(baro_error_m[baro.times_us < first_us + START_S * 1e6])
@@ -57,7 +64,9 @@ def assert_no_divergence(path: Path) -> None:
             limit_m = np.fmax(limit_m, since_start_m + MARGIN_M)
         assert np.isfinite(rms_m[name]).all(), f"{name}: a minute without an altitude"
         worst = int(np.argmax(rms_m[name] - limit_m))
-        assert rms_m[name][worst] <= limit_m[worst], f"{name} at {(starts_us[worst] - first_us) * 1e-6:.0f} s"
+        assert rms_m[name][worst] <= limit_m[worst], (
+            f"{name} at {(starts_us[worst] - first_us) * 1e-6:.0f} s"
+        )
 
 
 @pytest.mark.slow

@@ -1,9 +1,10 @@
-"""The protection level over hours of the sensor-level generator: exceeded as often as it says, nobody accused."""
+"""The protection level over hours of the sensor-level generator: exceeded as often as it says,
+nobody accused."""
 
 import pytest
 
 from companion.evaluation.integrity import poisson_interval
-from sim.evaluation.protection import Job, work
+from sim.studies.goals.protection import Job, work
 
 
 @pytest.mark.slow

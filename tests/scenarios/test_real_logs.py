@@ -1,7 +1,8 @@
-"""Recordings by others, whole: no exception, and every published altitude within 50 m of the healthy source.
+"""Recordings by others, whole: no exception, and every published altitude within 50 m of the
+healthy source.
 
-The files stay outside the repository (see their README for origin and licence); where they are absent this is skipped,
-and `test_quirks` tests the same peculiarities on logs made here.
+The files stay outside the repository (see their README for origin and licence); where they are
+absent this is skipped, and `test_quirks` tests the same peculiarities on logs made here.
 """
 
 import time
@@ -11,13 +12,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from companion.estimators import ESTIMATORS
+from companion.estimators import DEFAULT_ESTIMATOR, ESTIMATORS
 from companion.evaluation.report import Collector
 from companion.logs import open_log
 from companion.pipeline import Pipeline
-from companion.settings import DEFAULT_ESTIMATOR, CompanionSettings
+from companion.settings import CompanionSettings
+from tests.paths import DATA
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 LIMIT_M = 50.0
 LONGEST_S = 60.0
 
@@ -26,7 +27,8 @@ class Case(NamedTuple):
     """What is known of a recording."""
 
     healthy: str | None
-    """the track to compare with: "gnss", "truth", or None where nothing is healthy and nothing may be published"""
+    """the track to compare with: "gnss", "truth", or None where nothing is healthy and nothing may
+    be published"""
     published: int
     """at least this many"""
     reboots: int = 0
@@ -44,10 +46,14 @@ CASES = {
     "real/dronekit_flight_replay.tlog": Case("gnss", 2400, reboots=1),  # another dialect
     "real/lester_b_mav.tlog": Case("gnss", 1800),  # half pressure
     "real/eagle_f759975_mav.tlog": Case("gnss", 2300, slow=True),  # a companion as quadrotor
-    "real/ardusub_small.tlog": Case("gnss", 400),  # injected position at 0 m, hull pressure 26 m off
+    "real/ardusub_small.tlog": Case(
+        "gnss", 400
+    ),  # injected position at 0 m, hull pressure 26 m off
     "real/SITL_wlichon_mixed_signed.tlog": Case("gnss", 300),
     "real/SITL_wlichon_twin_sysid2.tlog": Case("gnss", 65),
-    "real/SITL_uavlogviewer_flight_logs.tlog": Case("gnss", 2700, reboots=1, slow=True),  # two boots
+    "real/SITL_uavlogviewer_flight_logs.tlog": Case(
+        "gnss", 2700, reboots=1, slow=True
+    ),  # two boots
     "real/SITL_uavlogviewer_vtol.tlog": Case("gnss", 700),
     "flights/jsbsim_A.tlog": Case("truth", 12_000, slow=True),
     "flights/jsbsim_B.tlog": Case("truth", 12_000, slow=True),
@@ -96,5 +102,9 @@ def test_what_is_published_is_near_the_healthy_source(name: str, estimator: str)
 
 @pytest.mark.skipif(not DATA.exists(), reason="the recordings are not here")
 def test_every_recording_is_in_the_table() -> None:
-    found = {str(path.relative_to(DATA)) for folder in ("real", "flights") for path in (DATA / folder).glob("*.tlog")}
+    found = {
+        str(path.relative_to(DATA))
+        for folder in ("real", "flights")
+        for path in (DATA / folder).glob("*.tlog")
+    }
     assert found == set(CASES)

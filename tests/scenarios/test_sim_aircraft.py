@@ -1,4 +1,5 @@
-"""Every aircraft stands on its wheels, takes off or starts aloft, tracks its profile, lands on the centre line."""
+"""Every aircraft stands on its wheels, takes off or starts aloft, tracks its profile, lands on the
+centre line."""
 
 import math
 from collections.abc import Sequence
@@ -11,10 +12,10 @@ import pytest
 from companion.config import validate
 from companion.errors import SimulationError
 from sim.aircraft import MODELS, Aircraft, Truth, _deafened
-from sim.autopilot import Mode
 from sim.flight import Flight
-from sim.gains import GAINS
-from sim.profile import Descend, Hold, Land
+from sim.pilot.autopilot import Mode
+from sim.pilot.gains import GAINS
+from sim.pilot.profile import Descend, Hold, Land
 from sim.scenario import Scenario
 
 STALL_MPS = {"c172p": 25.0, "737": 62.0, "f16": 65.0, "sgs126": 15.0}
@@ -22,7 +23,13 @@ STALL_MPS = {"c172p": 25.0, "737": 62.0, "f16": 65.0, "sgs126": 15.0}
 
 
 def flight(aircraft: str, legs: Sequence[dict[str, Any]], **changes: Any) -> Flight:
-    values = {"name": "test", "summary": "of a test", "aircraft": aircraft, "profile": legs, **changes}
+    values = {
+        "name": "test",
+        "summary": "of a test",
+        "aircraft": aircraft,
+        "profile": legs,
+        **changes,
+    }
     return Flight(validate(values, Scenario, "a test"))
 
 
@@ -41,7 +48,8 @@ def flown(flight: Flight) -> list[tuple[Truth, Any, float]]:
 
 
 def assert_lands(flight: Flight, rows: list[tuple[Truth, Any, float]]) -> None:
-    """Softly, beyond the threshold, on the centre line of a runway that leads east; and never stalls before."""
+    """Softly, beyond the threshold, on the centre line of a runway that leads east; and never
+    stalls before."""
     truths = [truth for truth, leg, _ in rows if isinstance(leg, Land)]
     down = next(i for i, truth in enumerate(truths) if truth.on_ground)
     assert 0.0 < truths[down - 1].down_mps < 2.0
@@ -62,13 +70,17 @@ def test_every_aircraft_has_gains() -> None:
 def test_it_rests_at_its_height(name: str) -> None:
     aircraft = Aircraft(name, field_elevation_m=300.0)
     aircraft.settle()
-    assert aircraft.truth().altitude_amsl_m - 300.0 == pytest.approx(aircraft.rest_height_m, abs=0.01)
+    assert aircraft.truth().altitude_amsl_m - 300.0 == pytest.approx(
+        aircraft.rest_height_m, abs=0.01
+    )
     assert aircraft.truth().on_ground
 
 
 def test_a_model_that_listens_on_tcp_ports_is_deafened(tmp_path: Path) -> None:
     deaf, listening = tmp_path / "deaf", tmp_path / "listening.xml"
-    listening.write_text('<fdm_config><input port="5137"/><channel><input>x</input></channel></fdm_config>')
+    listening.write_text(
+        '<fdm_config><input port="5137"/><channel><input>x</input></channel></fdm_config>'
+    )
     assert _deafened(listening, deaf)
     assert "5137" not in (deaf / "listening.xml").read_text()
     assert "<input>x</input>" in (deaf / "listening.xml").read_text()
@@ -77,10 +89,14 @@ def test_a_model_that_listens_on_tcp_ports_is_deafened(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["737", "f16"])
 def test_a_jet_takes_off_from_its_runway(name: str) -> None:
-    rows = flown(flight(name, [{"leg": "wait", "duration_s": 1}, {"leg": "take_off", "height_m": 300}]))
+    rows = flown(
+        flight(name, [{"leg": "wait", "duration_s": 1}, {"leg": "take_off", "height_m": 300}])
+    )
     truths = [truth for truth, _, _ in rows]
     lift_off = max(i for i, truth in enumerate(truths) if truth.on_ground)
-    rotation = next(i for i, truth in enumerate(truths) if truth.airspeed_mps >= GAINS[name].rotate_mps)
+    rotation = next(
+        i for i, truth in enumerate(truths) if truth.airspeed_mps >= GAINS[name].rotate_mps
+    )
     assert 0.5 < (lift_off - rotation) * 0.02 < 5.0  # the nose comes up at 4 degrees a second
     assert max(abs(truth.latitude_deg - 47.0) for truth in truths[:lift_off]) * 111_195.0 < 3.0
     assert min(truth.climb_mps for truth in truths[lift_off + 50 :]) > 0.0
@@ -93,12 +109,24 @@ def test_an_emergency_descent_keeps_its_rate() -> None:
         {"leg": "hold", "duration_s": 60},
     ]
     rows = flown(flight("737", legs, aloft={"altitude_amsl_m": 10_600}))
-    held = [truth.altitude_amsl_m for truth, leg, since_s in rows if leg is rows[0][1] and since_s > 80.0]
+    held = [
+        truth.altitude_amsl_m
+        for truth, leg, since_s in rows
+        if leg is rows[0][1] and since_s > 80.0
+    ]
     assert np.abs(np.array(held) - 10_600.0).max() < 5.0
-    steady = [t.climb_mps for t, leg, s in rows if isinstance(leg, Descend) and s > 60.0 and t.altitude_amsl_m > 6800.0]
+    steady = [
+        t.climb_mps
+        for t, leg, s in rows
+        if isinstance(leg, Descend) and s > 60.0 and t.altitude_amsl_m > 6800.0
+    ]
     assert len(steady) > 1000
     assert np.abs(np.array(steady) + 35.0).max() < 2.5
-    final = [truth.altitude_amsl_m for truth, leg, since_s in rows if isinstance(leg, Hold) and since_s > 45.0]
+    final = [
+        truth.altitude_amsl_m
+        for truth, leg, since_s in rows
+        if isinstance(leg, Hold) and since_s > 45.0
+    ]
     assert abs(final[-1] - 6000.0) < 5.0
 
 
@@ -109,7 +137,11 @@ def test_a_continuous_descent_keeps_its_rate_for_minutes() -> None:
         {"leg": "hold", "duration_s": 40},
     ]
     rows = flown(flight("737", legs, aloft={"altitude_amsl_m": 5000}))
-    steady = [t.climb_mps for t, leg, s in rows if isinstance(leg, Descend) and s > 40.0 and t.altitude_amsl_m > 2800.0]
+    steady = [
+        t.climb_mps
+        for t, leg, s in rows
+        if isinstance(leg, Descend) and s > 40.0 and t.altitude_amsl_m > 2800.0
+    ]
     assert len(steady) > 120 * 50
     errors_mps = np.abs(np.array(steady) + 10.0)
     assert errors_mps.max() < 2.5  # when 120 m/s are reached the speed brakes go in
@@ -170,7 +202,9 @@ def test_a_spiral_holds_its_bank_and_a_glide_its_airspeed() -> None:
     [("c172p", 450.0, [{"leg": "hold", "duration_s": 20}]), ("sgs126", 800.0, [])],
 )
 def test_it_lands(name: str, altitude_m: float, legs: list[dict[str, Any]]) -> None:
-    landing = flight(name, [*legs, {"leg": "land", "glide_deg": 3.5}], aloft={"altitude_amsl_m": altitude_m})
+    landing = flight(
+        name, [*legs, {"leg": "land", "glide_deg": 3.5}], aloft={"altitude_amsl_m": altitude_m}
+    )
     rows = flown(landing)
     assert_lands(landing, rows)
     end = rows[-1][0]
@@ -180,22 +214,32 @@ def test_it_lands(name: str, altitude_m: float, legs: list[dict[str, Any]]) -> N
 
 
 def test_a_glider_that_cannot_reach_the_runway_says_so() -> None:
-    legs: list[dict[str, Any]] = [{"leg": "glide", "altitude_amsl_m": 380, "heading_deg": 270}, {"leg": "land"}]
-    with pytest.raises(SimulationError, match=r"the glider is too low for the runway: \d+ m above it"):
+    legs: list[dict[str, Any]] = [
+        {"leg": "glide", "altitude_amsl_m": 380, "heading_deg": 270},
+        {"leg": "land"},
+    ]
+    with pytest.raises(
+        SimulationError, match=r"the glider is too low for the runway: \d+ m above it"
+    ):
         flown(flight("sgs126", legs, aloft={"altitude_amsl_m": 500}))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["737", "f16"])
 def test_a_jet_lands(name: str) -> None:
-    landing = flight(name, [{"leg": "hold", "duration_s": 30}, {"leg": "land"}], aloft={"altitude_amsl_m": 900})
+    landing = flight(
+        name, [{"leg": "hold", "duration_s": 30}, {"leg": "land"}], aloft={"altitude_amsl_m": 900}
+    )
     assert_lands(landing, flown(landing))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("from_deg", [0, 60, 180, 300])
 def test_the_trainer_lands_in_wind(from_deg: float) -> None:
-    weather = {"wind": {"speed_mps": 5, "from_deg": from_deg}, "turbulence": {"severity": 3, "wind_at_6m_mps": 3}}
+    weather = {
+        "wind": {"speed_mps": 5, "from_deg": from_deg},
+        "turbulence": {"severity": 3, "wind_at_6m_mps": 3},
+    }
     legs: list[dict[str, Any]] = [{"leg": "hold", "duration_s": 20}, {"leg": "land"}]
     landing = flight("c172p", legs, aloft={"altitude_amsl_m": 500}, weather=weather)
     assert_lands(landing, flown(landing))
@@ -214,17 +258,31 @@ def test_the_trainer_lands_in_the_side_wind_it_may_land_in(from_deg: float) -> N
 
 
 def test_a_storm_that_lifts_what_stands_ends_the_flight() -> None:
-    storm = flight("c172p", [{"leg": "wait", "duration_s": 5}], weather={"wind": {"speed_mps": 40, "from_deg": 90}})
-    with pytest.raises(SimulationError, match=r"^at \d\.\d\d s the wind lifted the aircraft .* during 'Standing'"):
+    storm = flight(
+        "c172p",
+        [{"leg": "wait", "duration_s": 5}],
+        weather={"wind": {"speed_mps": 40, "from_deg": 90}},
+    )
+    with pytest.raises(
+        SimulationError, match=r"^at \d\.\d\d s the wind lifted the aircraft .* during 'Standing'"
+    ):
         flown(storm)
 
 
 @pytest.mark.parametrize("name", ["737", "f16", "sgs126"])
 def test_flying_into_the_ground_ends_the_flight(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    sinking = flight(name, [{"leg": "glide", "altitude_amsl_m": 360}], aloft={"altitude_amsl_m": 600})
+    sinking = flight(
+        name, [{"leg": "glide", "altitude_amsl_m": 360}], aloft={"altitude_amsl_m": 600}
+    )
     fly = sinking.autopilot.update
-    monkeypatch.setattr(sinking.autopilot, "update", lambda truth, target: fly(truth, target)._replace(elevator=-0.4))
+    monkeypatch.setattr(
+        sinking.autopilot,
+        "update",
+        lambda truth, target: fly(truth, target)._replace(elevator=-0.4),
+    )
     sinking.profile._over = lambda truth: False  # type: ignore[method-assign]
-    with pytest.raises(SimulationError, match=r"^at \d+\.\d\d s the aircraft (hit|is below) the ground"):
+    with pytest.raises(
+        SimulationError, match=r"^at \d+\.\d\d s the aircraft (hit|is below) the ground"
+    ):
         sinking.run()
     assert Mode.PARKED is not sinking.autopilot._mode

@@ -18,9 +18,9 @@ from companion.logs.tlog import TlogReader
 from companion.mavlink.codec import Decoder
 from sim import BOOT_UNIX_US
 from sim.aircraft import Controls, Motion, Truth
-from sim.autopilot import Target
 from sim.flight import Flight
-from sim.profile import Climb, Descend, Hold, Leg, TakeOff
+from sim.pilot.autopilot import Target
+from sim.pilot.profile import Climb, Descend, Hold, Leg, TakeOff
 from sim.scenario import Scenario, load_scenario
 
 BASE = {"name": "test", "summary": "of a test", "profile": [{"leg": "wait", "duration_s": 20}]}
@@ -47,7 +47,11 @@ def flown(flight: Flight) -> list[Row]:
         state = flight.vehicle.state
         if flight.profile.leg is not leg:
             leg, since_us = flight.profile.leg, flight.time_us
-        if state.truth is not None and state.motion is not None and state.truth.time_us == flight.time_us:
+        if (
+            state.truth is not None
+            and state.motion is not None
+            and state.truth.time_us == flight.time_us
+        ):
             rows.append(Row(state.truth, state.motion, leg, (flight.time_us - since_us) * 1e-6))
     return rows
 
@@ -82,7 +86,11 @@ def test_the_hop_tracks_its_profile(hop: list[Row]) -> None:
     assert np.abs(errors).max() < 1.0
     assert_flies_well(hop, 34.0)
     descent = [row for row in hop if isinstance(row.leg, Descend)]
-    steady = [row.truth.climb_mps for row in descent if row.leg_time_s > 12.0 and row.truth.altitude_amsl_m > 440.0]
+    steady = [
+        row.truth.climb_mps
+        for row in descent
+        if row.leg_time_s > 12.0 and row.truth.altitude_amsl_m > 440.0
+    ]
     assert steady
     assert np.abs(np.array(steady) + 3.0).max() < 0.3
     end = hop[-1].truth
@@ -95,13 +103,16 @@ def test_the_take_off_is_one(hop: list[Row]) -> None:
     lift_off = on_ground[-1]
     assert run[0].airspeed_mps < 0.5
     assert 26.0 < lift_off.airspeed_mps < 36.0
-    assert max(abs(math.degrees(truth.yaw_rad) - 90.0) for truth in on_ground) < 3.0  # it stays on the runway
+    assert (
+        max(abs(math.degrees(truth.yaw_rad) - 90.0) for truth in on_ground) < 3.0
+    )  # it stays on the runway
     after = [truth for truth in run if truth.time_us > lift_off.time_us]
     assert min(truth.climb_mps for truth in after) > -0.1
 
 
 def test_the_mean_specific_force_integrates_to_the_climb(hop: list[Row]) -> None:
-    """a_down = f_down + g - 2 Omega v_east cos(lat) - v^2 / R, summed over the climb: 50 Hz means lose nothing."""
+    """a_down = f_down + g - 2 Omega v_east cos(lat) - v^2 / R, summed over the climb: 50 Hz means
+    lose nothing."""
     rows = [row for row in hop if isinstance(row.leg, TakeOff | Climb)]
     rate, dt_s = 7.292115e-5, 0.02
     sin2 = math.sin(math.radians(47.0)) ** 2
@@ -111,8 +122,12 @@ def test_the_mean_specific_force_integrates_to_the_climb(hop: list[Row]) -> None
         roll = 0.5 * (before.truth.roll_rad + truth.roll_rad)
         pitch = 0.5 * (before.truth.pitch_rad + truth.pitch_rad)
         forward, right, down = row.motion.specific_force_b_mps2
-        force_down = -math.sin(pitch) * forward + math.cos(pitch) * (math.sin(roll) * right + math.cos(roll) * down)
-        gravity = 9.7803253359 * (1 + 0.00193185265241 * sin2) / math.sqrt(1 - 0.00669437999013 * sin2)
+        force_down = -math.sin(pitch) * forward + math.cos(pitch) * (
+            math.sin(roll) * right + math.cos(roll) * down
+        )
+        gravity = (
+            9.7803253359 * (1 + 0.00193185265241 * sin2) / math.sqrt(1 - 0.00669437999013 * sin2)
+        )
         gravity -= 3.086e-6 * truth.altitude_amsl_m
         speed2 = truth.north_mps**2 + truth.east_mps**2
         eotvos = 2 * rate * truth.east_mps * math.cos(math.radians(47.0)) + speed2 / 6.38e6
@@ -162,7 +177,9 @@ OWN = ("GLOBAL_POSITION_INT", "VFR_HUD")
         ("estimate", {"ATTITUDE", *OWN}),  # which carry the heading
     ],
 )
-def test_one_sensor_s_seed_changes_that_sensor_alone(sensor: str, changed: set[str], tmp_path: Path) -> None:
+def test_one_sensor_s_seed_changes_that_sensor_alone(
+    sensor: str, changed: set[str], tmp_path: Path
+) -> None:
     paths = (tmp_path / "a.tlog", tmp_path / "b.tlog")
     for path, seed in zip(paths, (11, 12), strict=True):
         Flight(scenario(seed=3, sensors={sensor: {"seed": seed}}), tlog=path).run()
@@ -253,12 +270,16 @@ def test_flying_into_the_ground_ends_the_flight(monkeypatch: pytest.MonkeyPatch)
         return fly(truth, target)._replace(elevator=-0.3)
 
     monkeypatch.setattr(flight.autopilot, "update", nose_down)
-    with pytest.raises(SimulationError, match=r"^at \d+\.\d\d s the aircraft (hit|is below) the ground"):
+    with pytest.raises(
+        SimulationError, match=r"^at \d+\.\d\d s the aircraft (hit|is below) the ground"
+    ):
         flight.run()
 
 
 def test_a_flight_that_does_not_end_is_an_error() -> None:
-    with pytest.raises(SimulationError, match=r"'test' is not over after limit_s = 5 s: still 'Standing'"):
+    with pytest.raises(
+        SimulationError, match=r"'test' is not over after limit_s = 5 s: still 'Standing'"
+    ):
         Flight(scenario(limit_s=5.0)).run()
 
 

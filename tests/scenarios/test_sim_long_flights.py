@@ -19,7 +19,9 @@ def drained(**changes: Any) -> Flight:
 
 
 def test_empty_tanks_end_the_flight_with_what_to_do() -> None:
-    with pytest.raises(SimulationError, match=r"fuel is used up during 'Hold 1000m': .* set endless_fuel"):
+    with pytest.raises(
+        SimulationError, match=r"fuel is used up during 'Hold 1000m': .* set endless_fuel"
+    ):
         drained().run()
 
 
@@ -36,7 +38,9 @@ def test_endless_fuel_flies_on_with_the_weight_it_began_with() -> None:
     ("aircraft", "altitude_m", "hours", "endless"),
     [("737", 11_000.0, 4.0, False), ("f16", 6000.0, 3.0, True), ("c172p", 2000.0, 4.0, False)],
 )
-def test_hours_at_cruise_hold_the_altitude(aircraft: str, altitude_m: float, hours: float, endless: bool) -> None:
+def test_hours_at_cruise_hold_the_altitude(
+    aircraft: str, altitude_m: float, hours: float, endless: bool
+) -> None:
     """Through a front, a day and turbulence, and as the fuel's weight goes."""
     altitudes_m: list[float] = []
 

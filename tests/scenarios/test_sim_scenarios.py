@@ -1,7 +1,8 @@
-"""Every scenario that comes with the simulator flies to its end, in the air, on its profile, and shows what it says.
+"""Every scenario that comes with the simulator flies to its end, in the air, on its profile, and
+shows what it says.
 
-What it shows is read from its log, as any client would: the barometer's height by the standard atmosphere's law and the
-receiver's, against the truth of SIM_STATE.
+What it shows is read from its log, as any client would: the barometer's height by the standard
+atmosphere's law and the receiver's, against the truth of SIM_STATE.
 """
 
 import math
@@ -21,7 +22,7 @@ from companion.mavlink.framing import Frame
 from sim import BOOT_UNIX_US
 from sim.faults.editing import header
 from sim.flight import Flight, Progress, Summary
-from sim.profile import Hold
+from sim.pilot.profile import Hold
 from sim.scenario import Scenario, load_scenario, scenario_paths
 
 Series = NDArray[np.float64]
@@ -36,7 +37,8 @@ STALL_MPS = {"c172p": 25.0, "737": 62.0, "f16": 65.0, "sgs126": 15.0}
 
 @dataclass
 class Flown:
-    """One flight: times (s since boot) with the errors of barometer and receiver (m), and the truth at 1 Hz."""
+    """One flight: times (s since boot) with the errors of barometer and receiver (m), and the truth
+    at 1 Hz."""
 
     scenario: Scenario
     summary: Summary
@@ -70,11 +72,17 @@ def fly(name: str, path: Path) -> Flown:
         nonlocal held_s, leg
         if flight.profile.leg is not leg:
             leg, held_s = flight.profile.leg, progress.time_s
-        if not progress.truth.on_ground and progress.truth.altitude_amsl_m > scenario.runway.elevation_m + 30.0:
+        if (
+            not progress.truth.on_ground
+            and progress.truth.altitude_amsl_m > scenario.runway.elevation_m + 30.0
+        ):
             speeds.append(progress.truth.airspeed_mps)
         target_m = flight.vehicle.state.truth
         if isinstance(leg, Hold) and progress.time_s - held_s > 30.0 and target_m is not None:
-            level.append(progress.truth.altitude_amsl_m - flight.profile.update(progress.truth).altitude_amsl_m)
+            level.append(
+                progress.truth.altitude_amsl_m
+                - flight.profile.update(progress.truth).altitude_amsl_m
+            )
 
     summary = flight.run(watch)
     return Flown(scenario, summary, np.array(level), np.array(speeds), *read(path))
@@ -93,21 +101,29 @@ def read(path: Path) -> tuple[Series, Series, Series, Series]:
         if kind == "truth":
             rows["truth"].append((time_s, message.alt))
         elif kind == "baro":
-            rows["baro"].append((time_s, 44_330.77 * (1.0 - (message.press_abs / 1013.25) ** 0.190263)))
+            rows["baro"].append(
+                (time_s, 44_330.77 * (1.0 - (message.press_abs / 1013.25) ** 0.190263))
+            )
         else:
             rows["fix"].append((time_s, message.fix_type, message.v_acc * 1e-3))
             if message.fix_type >= 3:
                 rows["gnss"].append((time_s, message.alt * 1e-3))
-    truth, baro, gnss, fix = (np.array(rows[name], float).T for name in ("truth", "baro", "gnss", "fix"))
+    truth, baro, gnss, fix = (
+        np.array(rows[name], float).T for name in ("truth", "baro", "gnss", "fix")
+    )
     for series in (baro, gnss):
         series[1] -= np.interp(series[0], truth[0], truth[1])
     return truth, baro, gnss, fix
 
 
 def drift(flown: Flown, first_s: float, last_s: float) -> float:
-    """How much the barometer's error changed from one minute to another; the second counts from the end if negative."""
+    """How much the barometer's error changed from one minute to another; the second counts from the
+    end if negative."""
     last_s = flown.end_s + last_s if last_s < 0 else last_s
-    return float(flown.error("baro", last_s - 60, last_s).mean() - flown.error("baro", first_s, first_s + 60).mean())
+    return float(
+        flown.error("baro", last_s - 60, last_s).mean()
+        - flown.error("baro", first_s, first_s + 60).mean()
+    )
 
 
 def spread(flown: Flown, name: str, start_s: float, end_s: float) -> float:
@@ -116,14 +132,18 @@ def spread(flown: Flown, name: str, start_s: float, end_s: float) -> float:
 
 def widest(flown: Flown) -> float:
     """Of the barometer's error, minute means."""
-    minutes = [flown.error("baro", s, s + 30).mean() for s in np.arange(60.0, flown.end_s - 30.0, 30.0)]
+    minutes = [
+        flown.error("baro", s, s + 30).mean() for s in np.arange(60.0, flown.end_s - 30.0, 30.0)
+    ]
     return float(np.ptp(minutes))
 
 
 def aloft_and_low(flown: Flown) -> float:
     """The barometer's error at the greatest height less that on the ground."""
     top_s = float(flown.truth[0][int(np.argmax(flown.truth[1]))])
-    return float(flown.error("baro", top_s - 30, top_s + 30).mean() - flown.error("baro", 15, 40).mean())
+    return float(
+        flown.error("baro", top_s - 30, top_s + 30).mean() - flown.error("baro", 15, 40).mean()
+    )
 
 
 def blind_s(flown: Flown) -> float:
@@ -160,11 +180,17 @@ CLAIMS: Mapping[str, Callable[[Flown], bool]] = {
     "airliner-emergency": lambda f: float(np.percentile(climbs_mps(f), 20)) < -34.0,
     "airliner-front": lambda f: widest(f) > 60.0 and landings(f) == 1,
     "circuit-landing": lambda f: landings(f) == 2,
-    "fighter-low-level": lambda f: climbs_mps(f).max() > 24.0 and climbs_mps(f).min() < -24.0 and landings(f) == 1,
-    "glider-spiral": lambda f: abs(float(np.median(climbs_mps(f))) + 1.4) < 0.2 and landings(f) == 1,
+    "fighter-low-level": lambda f: (
+        climbs_mps(f).max() > 24.0 and climbs_mps(f).min() < -24.0 and landings(f) == 1
+    ),
+    "glider-spiral": lambda f: (
+        abs(float(np.median(climbs_mps(f))) + 1.4) < 0.2 and landings(f) == 1
+    ),
     "best-sensors": lambda f: float(np.abs(f.error("gnss", f.end_s - 80, f.end_s)).max()) < 0.2,
     "calm-circuit": lambda f: widest(f) < 6.0 and 2.0 < spread(f, "gnss", 60, 1200) < 7.0,
-    "cheap-sensors": lambda f: spread(f, "gnss", 100, 800) > 4.0 and set(f.fix[2][f.fix[1] >= 3]) == {1.2},
+    "cheap-sensors": lambda f: (
+        spread(f, "gnss", 100, 800) > 4.0 and set(f.fix[2][f.fix[1] >= 3]) == {1.2}
+    ),
     "cold-front-descent": lambda f: widest(f) > 40.0,
     "cold-start": lambda f: aloft_and_low(f) > 80.0,
     "failing-barometer": lambda f: (
@@ -173,7 +199,9 @@ CLAIMS: Mapping[str, Callable[[Flown], bool]] = {
         and spread(f, "baro", 435, 485) > 4.0
         and f.error("baro", 720, 760).mean() > 300.0
     ),
-    "gnss-outage-in-cloud": lambda f: abs(blind_s(f) - 480.0) < 5.0 and 4.0 < drift(f, 740, 1310) < 11.0,
+    "gnss-outage-in-cloud": lambda f: (
+        abs(blind_s(f) - 480.0) < 5.0 and 4.0 < drift(f, 740, 1310) < 11.0
+    ),
     "gusty-shake": lambda f: f.airspeed_mps.std() > 2.0,
     "half-pressure": lambda f: f.error("baro", 20, 400).min() > 4500.0,
     "hot-and-high": lambda f: -90.0 < aloft_and_low(f) < -50.0,
@@ -189,8 +217,12 @@ CLAIMS: Mapping[str, Callable[[Flown], bool]] = {
     "mountain-wave": lambda f: 8.0 < widest(f) < 30.0,
     "reboot-in-flight": lambda f: float(np.diff(f.baro[0]).max()) > 2.9,
     "short-hop": lambda f: widest(f) < 3.0,
-    "sliding-first-fix": lambda f: f.error("gnss", 8, 15).mean() > 500.0 and abs(f.error("gnss", 70, 200)).max() < 25.0,
-    "spoofed-approach": lambda f: f.error("gnss", 800, 900).mean() > 100.0 and f.fix[2][f.fix[1] >= 3].max() < 5.0,
+    "sliding-first-fix": lambda f: (
+        f.error("gnss", 8, 15).mean() > 500.0 and abs(f.error("gnss", 70, 200)).max() < 25.0
+    ),
+    "spoofed-approach": lambda f: (
+        f.error("gnss", 800, 900).mean() > 100.0 and f.fix[2][f.fix[1] >= 3].max() < 5.0
+    ),
     "static-port-error": late_speed_error,
     "warm-front-cruise": lambda f: widest(f) > 15.0,
     "weather-change": lambda f: widest(f) > 50.0,

@@ -12,9 +12,9 @@ from companion.config import validate
 from companion.errors import SimulationError
 from sim.aircraft import MODELS, Aircraft
 from sim.flight import Flight
-from sim.profile import Glide, Land
+from sim.pilot.profile import Glide, Land
+from sim.pilot.stall import StallWatch
 from sim.scenario import Scenario
-from sim.stall import StallWatch
 
 BASE = {"name": "test", "summary": "of a test"}
 
@@ -26,16 +26,34 @@ def flight(aircraft: str, aloft_m: float, *legs: dict[str, Any], **changes: Any)
 
 
 def lift_curve(jsbsim_name: str) -> list[tuple[float, float]]:
-    """(angle of attack, lift coefficient) of the model's file; the middle column where there are several."""
-    source = Path(jsbsim.FGFDMExec(None).get_root_dir()) / "aircraft" / jsbsim_name / f"{jsbsim_name}.xml"
-    (lift,) = (axis for axis in ElementTree.parse(source).getroot().iter("axis") if axis.get("name") == "LIFT")
-    table = next(table for table in lift.iter("table") if (table.findtext("independentVar") or "").strip() == ALPHA)
+    """(angle of attack, lift coefficient) of the model's file; the middle column where there are
+    several."""
+    source = (
+        Path(jsbsim.FGFDMExec(None).get_root_dir())
+        / "aircraft"
+        / jsbsim_name
+        / f"{jsbsim_name}.xml"
+    )
+    (lift,) = (
+        axis
+        for axis in ElementTree.parse(source).getroot().iter("axis")
+        if axis.get("name") == "LIFT"
+    )
+    table = next(
+        table
+        for table in lift.iter("table")
+        if (table.findtext("independentVar") or "").strip() == ALPHA
+    )
     data = table.find("tableData")
     assert data is not None
-    rows = [[float(cell) for cell in line.split()] for line in (data.text or "").strip().splitlines()]
+    rows = [
+        [float(cell) for cell in line.split()] for line in (data.text or "").strip().splitlines()
+    ]
     columns = len(rows[-1]) - 1
     heads = rows[0] if len(rows[0]) == columns > 1 else [0.0]
-    column = 1 + min(range(columns), key=lambda index: abs(heads[index]))  # not stalled before, elevator neutral
+    column = 1 + min(
+        range(columns), key=lambda index: abs(heads[index])
+    )  # not stalled before, elevator neutral
     return [(row[0], row[column]) for row in rows if len(row) == columns + 1]
 
 
@@ -81,11 +99,16 @@ def test_a_stall_ends_the_flight_and_says_what_to_change(case: str) -> None:
 
 
 def test_the_airspeed_it_is_told_to_need_is_that_of_its_lift() -> None:
-    """The trainer's 26.5 m/s at one g (lift 1.47, 16.2 m2, 10.2 kN), times sqrt(2), less what the engine carries."""
-    slow = flight("c172p", 1500, {"leg": "hold", "duration_s": 60, "bank_deg": 60, "airspeed_mps": 30})
+    """The trainer's 26.5 m/s at one g (lift 1.47, 16.2 m2, 10.2 kN), times sqrt(2), less what the
+    engine carries."""
+    slow = flight(
+        "c172p", 1500, {"leg": "hold", "duration_s": 60, "bank_deg": 60, "airspeed_mps": 30}
+    )
     with pytest.raises(SimulationError, match=r"needs about 3[3-8] m/s"):
         slow.run()
-    flight("c172p", 1500, {"leg": "hold", "duration_s": 40, "bank_deg": 45, "airspeed_mps": 45}).run()
+    flight(
+        "c172p", 1500, {"leg": "hold", "duration_s": 40, "bank_deg": 45, "airspeed_mps": 45}
+    ).run()
 
 
 def test_a_moment_and_the_ground_are_no_stall() -> None:
@@ -104,19 +127,27 @@ def test_a_moment_and_the_ground_are_no_stall() -> None:
         watch.check(truth._replace(time_us=time_us), leg, lambda: "Glide")
     watch.check(truth._replace(time_us=1_020_000, on_ground=True), leg, lambda: "Glide")
     watch.check(truth._replace(time_us=1_040_000), leg, lambda: "Glide")
-    with pytest.raises(SimulationError, match=r"angle of attack 17\.2 degrees .* give the leg calmer weather"):
+    with pytest.raises(
+        SimulationError, match=r"angle of attack 17\.2 degrees .* give the leg calmer weather"
+    ):
         watch.check(truth._replace(time_us=1_540_000), Land(leg="land"), lambda: "Landing")
 
 
 def test_a_landing_may_end_beyond_it() -> None:
     """In the flare the lift may go: that is how an aircraft lands."""
     landing = flight("c172p", 500, {"leg": "land"})
-    landing._stall._aircraft.angle_of_attack_rad = lambda: math.inf if landing.aircraft.flow().height_m < 2.0 else 0.0
+    landing._stall._aircraft.angle_of_attack_rad = lambda: (
+        math.inf if landing.aircraft.flow().height_m < 2.0 else 0.0
+    )
     landing.run()
     assert landing.profile.done
 
 
 def test_a_hold_that_cannot_be_held_is_the_end() -> None:
     """Its wires keep the F-16 from stalling, and so it sinks instead."""
-    with pytest.raises(SimulationError, match=r"cannot hold its altitude so, give the leg less bank_deg"):
-        flight("f16", 3000, {"leg": "hold", "duration_s": 240, "bank_deg": 60, "airspeed_mps": 85}).run()
+    with pytest.raises(
+        SimulationError, match=r"cannot hold its altitude so, give the leg less bank_deg"
+    ):
+        flight(
+            "f16", 3000, {"leg": "hold", "duration_s": 240, "bank_deg": 60, "airspeed_mps": 85}
+        ).run()

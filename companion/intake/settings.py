@@ -1,0 +1,29 @@
+"""Section ``intake`` of the configuration."""
+
+from pydantic import Field
+
+from companion.config import Settings
+
+
+class IntakeSettings(Settings):
+    """Section ``intake``."""
+
+    gnss_latency_s: float = Field(0.12, ge=0, le=1)
+    """age of a GNSS height when the autopilot stamps it: receivers of the u-blox class take 0.1 to
+    0.2 s"""
+    reorder_s: float = Field(2.0, gt=0, le=10)
+    """a stamp that is this far from the newest one, either way, is a restart, a gap or damaged: it
+    needs a witness"""
+    gap_s: float = Field(10.0, gt=0, le=3600)
+    """how soon after such a stamp a second one must agree with it"""
+    datum_limit_m: float = Field(700.0, gt=0, le=10_000)
+    """barometer and GNSS may differ by this, more than twice what the deepest low can do, ..."""
+    datum_limit_ratio: float = Field(0.15, ge=0, le=1)
+    """... plus this share of the height, which is what an arctic winter can do"""
+    datum_time_s: float = Field(10.0, gt=0, le=600)
+    """how long they must contradict each other before one is disbelieved, or agree before it is
+    believed again"""
+    credible_gnss_sd_m: float = Field(20.0, gt=0, le=1000)
+    """a fix that admits more than this accuses nobody"""
+    step_limit_m: float = Field(60.0, gt=0, le=10_000)
+    """barometer and GNSS may move apart by this at once, beyond what speed and accuracy explain"""

@@ -1,0 +1,1 @@
+"""Equations that two or more estimators use: compiled steps that own no state record."""

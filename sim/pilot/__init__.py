@@ -1,0 +1,1 @@
+"""The simulated pilot: flight profile, guidance and control loops."""

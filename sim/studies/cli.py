@@ -1,0 +1,184 @@
+"""The commands that fly many scenarios: ``kollsman-sim campaign`` and ``gallery``; like `sim.cli`,
+they print."""
+
+import math
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from sim.studies.campaign import Row
+
+CAMPAIGN_EXAMPLES = """\b
+Examples:
+  kollsman-sim campaign weather-change calm-circuit --seeds 20
+  kollsman-sim campaign my.yaml --seeds 100 --estimator adaptive-fusion --workers 4
+  kollsman-sim campaign weather-change --seeds 500 --scheduler tcp://10.0.0.5:8786
+"""
+
+GALLERY_EXAMPLES = """\b
+Examples:
+  kollsman-sim gallery
+  kollsman-sim gallery spoofed-approach my.yaml --estimator vertical-bank --out out/gallery
+"""
+
+
+def campaign(
+    scenarios: Annotated[
+        list[str], typer.Argument(help="Names of scenarios, or paths of .yaml files.")
+    ],
+    *,
+    seeds: Annotated[
+        int, typer.Option(min=1, help="Flights of each scenario, with seeds 1 to N.")
+    ] = 10,
+    estimator: Annotated[
+        list[str] | None, typer.Option(help="Repeatable. Default: all.", metavar="E")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes. Default: one a core.", metavar="N")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="A Dask cluster instead.", metavar="tcp://HOST:PORT")
+    ] = None,
+    changes: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Of companion.yaml; repeatable.", metavar="SECTION.KEY=VALUE"),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder of the results.", metavar="DIR")] = Path(
+        "out/campaign"
+    ),
+) -> None:
+    """Scenario x seed x estimator to Parquet and a table; a campaign that was stopped goes on where
+    it was."""
+    from companion.settings import CompanionSettings
+    from sim.studies import campaign as fleet
+
+    fleet.require_parquet()
+    settings = CompanionSettings().with_assignments(changes or [])
+    jobs = fleet.jobs_of(scenarios, seeds, _estimators(estimator), settings)
+    with (
+        fleet.executor_of(workers or os.cpu_count() or 1, scheduler) as executor,
+        _job_bar(len(jobs)) as report,
+    ):
+        rows = fleet.run(jobs, executor, out, report)
+    _print_campaign(fleet.summary(rows), fleet.failures(rows))
+    print(f"wrote {out / 'campaign.parquet'} ({len(rows)} rows)")
+
+
+def gallery(
+    scenarios: Annotated[
+        list[str] | None,
+        typer.Argument(help="Names, or paths of .yaml files. Default: all that come along."),
+    ] = None,
+    *,
+    estimator: Annotated[
+        list[str] | None, typer.Option(help="Repeatable. Default: all.", metavar="E")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes. Default: one a core.", metavar="N")
+    ] = None,
+    out: Annotated[
+        Path, typer.Option(help="Folder of the page and figures.", metavar="DIR")
+    ] = Path("docs/gallery"),
+) -> None:
+    """Fly every scenario once, and write a page with a figure and a table of errors of each.
+
+    Given names, renew their sections of the page.
+    """
+    from sim.scenario import load_scenario, scenario_paths
+    from sim.studies import campaign as fleet
+    from sim.studies import gallery as pictures
+
+    flights = [load_scenario(name) for name in scenarios or scenario_paths()]
+    jobs = [fleet.Job(flight, flight.seed, _estimators(estimator)) for flight in flights]
+    with (
+        fleet.executor_of(workers or os.cpu_count() or 1, None) as executor,
+        _flight_bar(len(jobs)) as advance,
+    ):
+        page = pictures.build(jobs, executor, out, lambda _: advance())
+    size_mb = sum(path.stat().st_size for path in page.parent.iterdir()) / 1e6
+    print(f"wrote {out / page.name}: {len(jobs)} scenarios, {size_mb:.2f} MB with the figures")
+
+
+def _estimators(chosen: list[str] | None) -> tuple[str, ...]:
+    """Those chosen on the command line, or all."""
+    from companion.estimators import ESTIMATORS
+
+    unknown = [name for name in chosen or [] if name not in ESTIMATORS]
+    if unknown:
+        print(
+            f"kollsman-sim: no estimator is called '{unknown[0]}'; there are: {', '.join(ESTIMATORS)}",
+            file=sys.stderr,
+        )
+        raise typer.Exit(2)
+    return tuple(chosen or ESTIMATORS)
+
+
+@contextmanager
+def _flight_bar(total: int) -> "Iterator[Callable[..., None]]":
+    """A progress bar of flights on stderr; yields what moves it on, by one or to ``completed=``."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (
+        BarColumn(),
+        TextColumn("{task.completed}/{task.total} flights"),
+        TimeRemainingColumn(),
+    )
+    console = Console(stderr=True)
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as bar:
+        task = bar.add_task("", total=total)
+
+        def advance(completed: int | None = None) -> None:
+            if completed is None:
+                bar.advance(task)
+            else:
+                bar.update(task, completed=completed)
+
+        yield advance
+
+
+@contextmanager
+def _job_bar(total: int) -> "Iterator[Callable[[int, list[Row]], None]]":
+    with _flight_bar(total) as advance:
+
+        def report(done: int, rows: "list[Row]") -> None:
+            advance(done)
+            for row in rows[:1]:
+                if row["error"] is not None:
+                    print(
+                        f"failed: {row['scenario']} seed {row['seed']}: {row['error']}",
+                        file=sys.stderr,
+                    )
+
+        yield report
+
+
+def _print_campaign(lines: "list[Row]", failed: list[str]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    names = {
+        "RMSE": "rmse_m", "+-": "rmse_sd_m", "95 %": "p95_m", "worst": "max_m", "climb": "climb_rmse_mps",
+        "NEES": "nees", "in 2 sd": "coverage_2", "sd": "median_sd_m", "level": "median_level_m",
+        "above": "exceedances", "us": "cost_us", "named s": "detection_s", "wrong": "wrong_share",
+    }  # fmt: skip
+    table = Table("scenario", "source", "n", box=None, pad_edge=False)
+    for name in (*names, "found", "false"):
+        table.add_column(name, justify="right")
+    for line in lines:
+        values = (line[key] for key in names.values())
+        cells = ["" if math.isnan(value) else f"{value:.2f}" for value in values]
+        cells.append(f"{line['detected']}/{line['faults']}" if line["faults"] else "")
+        cells.append(str(line["false_alarms"]) if line["false_alarms"] else "")
+        table.add_row(line["scenario"], line["source"], str(line["flights"]), *cells)
+    Console(width=140).print(table)
+    if failed:
+        print(f"{len(failed)} flights failed; the next run tries them again")

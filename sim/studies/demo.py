@@ -1,0 +1,221 @@
+"""The demonstration: this process is the simulated autopilot, a second one the companion, UDP on
+loopback between.
+
+What is judged at the end is what the autopilot's side received: our ALTITUDE messages against the
+truth of the flight, beside the receiver's height, the barometer's and the autopilot's own estimate.
+"""
+
+import math
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from companion.errors import SimulationError
+from companion.evaluation.metrics import Errors
+from companion.evaluation.report import Collector
+from companion.kernels.atmosphere import baro_altitude_m
+from companion.links import open_link
+from companion.logs.tlog import TlogReader
+from companion.mavlink.codec import Decoder, mavlink
+from companion.mavlink.identity import OUR_COMPONENT_ID
+from companion.pipeline import Pipeline
+from companion.settings import CompanionSettings
+from sim.flight import Flight, Progress
+from sim.scenario import load_scenario
+
+READY_TIMEOUT_S = 180.0
+STOP_TIMEOUT_S = 10.0
+LABELS = {
+    "published": "Kollsman, as received",
+    "autopilot": "autopilot's own",
+    "gnss": "raw GNSS",
+    "baro": "raw barometer",
+}
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What the autopilot's side knows at one simulated second; unknown is NaN."""
+
+    time_s: float
+    leg: str
+    truth_m: float
+    gnss_m: float
+    baro_m: float
+    autopilot_m: float
+    kollsman_m: float
+
+
+class Companion:
+    """The companion in a process of its own; its output goes to `log`."""
+
+    def __init__(self, url: str, log: Path, say: Callable[[str], None]) -> None:
+        command = [sys.executable, "-m", "companion.cli", "run", url]
+        self._log = log.open("w", encoding="utf-8")
+        self._process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+        self._ready = threading.Event()
+        self._say = say
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def wait_until_ready(self) -> None:
+        """Wait for its line "ready"; the first start after an installation compiles."""
+        for _ in range(round(READY_TIMEOUT_S * 10)):
+            if self._ready.wait(0.1):
+                return
+            if self._process.poll() is not None:
+                break
+        raise SimulationError(f"the companion did not start; its output is in {self._log.name}")
+
+    def stop(self) -> None:
+        """End it as Ctrl-C does, and wait."""
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGINT)
+        try:
+            self._process.wait(STOP_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._reader.join(STOP_TIMEOUT_S)
+        self._log.close()
+        if self._process.stdout is not None:
+            self._process.stdout.close()
+
+    def _read(self) -> None:
+        for line in self._process.stdout or ():
+            self._log.write(line)
+            self._log.flush()
+            if line.startswith("compiling"):
+                self._say(f"companion: {line.strip()}")
+            if line.startswith("ready"):
+                self._say(f"companion: {line.strip()}")
+                self._ready.set()
+
+
+def free_port() -> int:
+    """A UDP port on loopback that nobody has now."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def fly(
+    scenario: str,
+    speed: float | None,
+    out: Path,
+    show: Callable[[Reading], None],
+    say: Callable[[str], None],
+) -> Path:
+    """Fly `scenario` with a companion at the other end of a UDP socket; the log, with what came
+    back in it."""
+    out.mkdir(parents=True, exist_ok=True)
+    tlog = out / f"{scenario}.tlog"
+    port = free_port()
+    companion = Companion(f"udpin:127.0.0.1:{port}", out / "companion.txt", say)
+    try:
+        companion.wait_until_ready()
+        link = open_link(f"udpout:127.0.0.1:{port}")
+        try:
+            flight = Flight(load_scenario(scenario), links=[link], tlog=tlog, speed=speed)
+            summary = flight.run(lambda progress: show(reading(flight, progress)))
+        finally:
+            link.close()
+    finally:
+        companion.stop()
+    came = sum(
+        count
+        for (_, sender, _), count in summary.heard.counts.items()
+        if sender == OUR_COMPONENT_ID
+    )
+    say(
+        f"flown in {summary.elapsed_s:.0f} s ({summary.speed_ratio:.0f}x); {came} messages came back from the companion"
+    )
+    return tlog
+
+
+def reading(flight: Flight, progress: Progress) -> Reading:
+    """What the vehicle's last messages say now."""
+    state, altitude = flight.vehicle.state, flight.vehicle.heard.altitude
+    fix = state.fix
+    return Reading(
+        progress.time_s,
+        progress.leg,
+        progress.truth.altitude_amsl_m,
+        fix.altitude_amsl_m if fix is not None and fix.fix_type >= 3 else math.nan,
+        baro_altitude_m(state.pressure.pressure_pa) if state.pressure is not None else math.nan,
+        state.position.altitude_amsl_m if state.position is not None else math.nan,
+        altitude.altitude_amsl if altitude is not None else math.nan,
+    )
+
+
+def judge(tlog: Path) -> Collector:
+    """Truth, sensors and the autopilot's own height out of the flight's log, and the ALTITUDE that
+    came back."""
+    collector = Collector()
+    pipeline = Pipeline(CompanionSettings(), datagrams=True)
+    decoder = Decoder(datagrams=True)
+
+    class Ears:
+        sample, truth, autopilot = collector.sample, collector.truth, collector.autopilot
+
+        def published(self, message: object) -> None:
+            """What this replay would send is not what was received."""
+
+    pipeline.observe(Ears())
+    for packet in TlogReader(tlog):
+        pipeline.feed(packet)
+        for frame in decoder.feed(packet.data):
+            if (
+                frame.message_id == mavlink.MAVLINK_MSG_ID_ALTITUDE
+                and frame.component_id == OUR_COMPONENT_ID
+            ):
+                collector.published(decoder.decode(frame))
+    return collector
+
+
+def errors(collector: Collector) -> dict[str, Errors]:
+    """Of each source that has any, by label."""
+    found = {label: collector.errors(name) for name, label in LABELS.items()}
+    return {label: each for label, each in found.items() if each is not None}
+
+
+def plot(collector: Collector, path: Path, title: str) -> None:
+    """The flight above, the errors of each source below."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    from companion.evaluation.metrics import truth_at
+
+    truth_us, truth_m = collector.track("truth")
+    figure, (above, below) = plt.subplots(
+        2, 1, figsize=(9, 6.5), sharex=True, height_ratios=(2, 3), layout="constrained"
+    )
+    above.plot(truth_us / 60e6, truth_m, color="black", linewidth=1.5, label="truth")
+    styles = {
+        "baro": ("tab:orange", 1.2),
+        "autopilot": ("tab:purple", 1.2),
+        "gnss": ("tab:gray", 0.5),
+    }
+    for name, (color, width) in (styles | {"published": ("tab:blue", 1.2)}).items():
+        times_us, values = collector.track(name)
+        error = values - truth_at(times_us, truth_us, truth_m)
+        below.plot(times_us / 60e6, error, color=color, linewidth=width, label=LABELS[name])
+        if name in {"baro", "published"}:
+            above.plot(times_us / 60e6, values, color=color, linewidth=1, label=LABELS[name])
+    above.set(ylabel="altitude AMSL (m)", title=title)
+    below.set(xlabel="time since boot (min)", ylabel="error (m)")
+    below.axhline(0, color="black", linewidth=0.8)
+    for axes in (above, below):
+        axes.grid(alpha=0.3)
+        axes.legend(loc="best", fontsize=8)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)

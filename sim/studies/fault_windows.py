@@ -1,0 +1,75 @@
+"""When a scenario's faults make a sensor wrong, and what estimators made of that: for campaigns and
+the gallery."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from companion.evaluation.compare import Series
+from companion.evaluation.detection import Detection, detection, false_alarms
+from sim import BOOT_UNIX_US
+from sim.faults import Fault
+
+
+@dataclass(frozen=True)
+class Episode:
+    """A fault that harms a sensor, and its time on the clock of the flight's log."""
+
+    fault: Fault
+    onset_us: float
+    end_us: float
+    """infinite for a fault that lasts"""
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether the sensor is wrong without saying so: then an estimator should name it."""
+        return not self.fault.announced
+
+    def judge(self, series: Series) -> Detection | None:
+        """What an estimator made of it; None of a source that accuses nobody."""
+        if series.accused is None:
+            return None
+        return detection(*series.accused, self.onset_us, self.end_us, self.fault.harms)
+
+
+def episodes(faults: Sequence[Fault], duration_s: float) -> list[Episode]:
+    """Those of `faults` that harm a sensor and begin within the flight."""
+    found = []
+    for fault in faults:
+        if fault.harms and fault.start_s < duration_s:
+            onset_us = BOOT_UNIX_US + fault.start_s * 1e6
+            lasts_us = math.inf if fault.duration_s is None else fault.duration_s * 1e6
+            found.append(Episode(fault, onset_us, onset_us + lasts_us))
+    return found
+
+
+def attribution(found: Sequence[Episode], series: Series) -> dict[str, Any]:
+    """How an estimator attributed the faults of one flight, as a row's values; None of a source
+    that accuses nobody.
+
+    `faults` are those that should be named and `detected` those that were, after a mean of
+    `detection_s` (s); `wrong_share` is the mean share of their time in which another sensor was
+    named; `false_alarms` began when no sensor was wrong.
+    """
+    if series.accused is None:
+        return dict.fromkeys(("faults", "detected", "detection_s", "wrong_share", "false_alarms"))
+    judged = [
+        each
+        for each in (episode.judge(series) for episode in found if episode.is_silent)
+        if each is not None
+    ]
+    delays_s = [each.delay_s for each in judged if each.detected]
+    wrong = [each.wrong_share for each in judged if math.isfinite(each.wrong_share)]
+    times_us, faulty, _ = series.accused
+    return {
+        "faults": len(judged),
+        "detected": len(delays_s),
+        "detection_s": float(np.mean(delays_s)) if delays_s else None,
+        "wrong_share": float(np.mean(wrong)) if wrong else None,
+        "false_alarms": false_alarms(
+            times_us, faulty, [(each.onset_us, each.end_us) for each in found]
+        ),
+    }

@@ -1,0 +1,69 @@
+"""The vertical bank held against the goals of issue 5, beside every other estimator: `kollsman-sim
+evaluate`.
+
+`SECTIONS` is the table that the command line and the tests read. A section is one module here with
+a function
+
+    evaluate(context) -> SectionPage
+
+that measures, and returns its page (`sim.studies.goals.section`): figures, tables, and the rows
+that the goals are judged by. They are kept as JSON beside the page, so that the index can be made
+from whatever sections have run. Adding a section is that module, a line in the table, and its goals
+in `goals.py`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sim.studies.goals.section import SectionPage
+
+Progress = Callable[[float, str], None]
+"""Called with the fraction done (0..1) and what is being computed."""
+
+
+@dataclass(frozen=True)
+class Context:
+    """What a section is asked for."""
+
+    seeds: int
+    """Monte-Carlo runs of whatever has no number of its own"""
+    workers: int
+    """processes"""
+    data: Path | None
+    """folder of recorded flights; None: what needs them is not run"""
+    out: Path
+    """folder of the pages"""
+    progress: Progress
+
+
+@dataclass(frozen=True)
+class Section:
+    """One part of the evaluation."""
+
+    key: str
+    title: str
+    module: str
+    """of this package, imported only when the section is evaluated"""
+    seeds: int
+    """how many Monte-Carlo runs unless told otherwise"""
+
+    def evaluate(self, context: Context) -> "SectionPage":
+        """Measure, and return the page; its figures are written to the folder `context.out`."""
+        page: SectionPage = import_module(f"sim.studies.goals.{self.module}").evaluate(context)
+        return page
+
+
+_SECTIONS: tuple[Section, ...] = (
+    Section("bound", "The papers' common scenarios and the Cramer-Rao bound", "bound_section", 200),
+    Section("flights", "Simulated and recorded flights", "flights", 24),
+    Section("faults", "Sensor faults", "faults", 2),
+    Section("states", "Each state over one flight", "states", 2),
+    Section("protection", "Protection level and false alarms", "protection", 1000),
+)
+
+SECTIONS: dict[str, Section] = {section.key: section for section in _SECTIONS}
+"""By key."""

@@ -1,0 +1,76 @@
+"""The command ``kollsman-sim evaluate``; with `sim.cli` all of the simulator that prints."""
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sim.studies.goals import SECTIONS, Context
+
+EXAMPLES = """\b
+Examples:
+  kollsman-sim evaluate --data ~/flights --out docs/evaluation
+  kollsman-sim evaluate bound --seeds 20
+"""
+
+
+def evaluate(
+    sections: Annotated[
+        list[str] | None,
+        typer.Argument(help="Default: all; the index is made in any case.", metavar="[SECTION]..."),
+    ] = None,
+    *,
+    seeds: Annotated[
+        int | None,
+        typer.Option(min=2, help="Monte-Carlo runs. Default: each section's own number."),
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes. Default: one a core.", metavar="N")
+    ] = None,
+    data: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder of recorded flights (jsbsim_A.tlog, ...).",
+            metavar="DIR",
+            exists=True,
+            file_okay=False,
+        ),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder of the pages.", metavar="DIR")] = Path(
+        "out/evaluation"
+    ),
+) -> None:
+    """Hold the vertical bank against its goals, beside every other estimator: one page a section,
+    and an index."""
+    from rich.console import Console
+    from rich.progress import Progress as ProgressBar
+    from rich.progress import TaskID
+
+    from sim.studies.goals.section import Index, summary
+
+    unknown = [key for key in sections or [] if key not in SECTIONS]
+    if unknown:
+        print(
+            f"kollsman-sim: no section '{unknown[0]}'; there are {', '.join(SECTIONS)}",
+            file=sys.stderr,
+        )
+        raise typer.Exit(2)
+    console = Console(stderr=True)
+    with ProgressBar(console=console, transient=True, disable=not console.is_terminal) as bar:
+        for key in dict.fromkeys(sections or SECTIONS):
+            task = bar.add_task(key, total=1.0)
+
+            def report(fraction: float, what: str, task: TaskID = task, key: str = key) -> None:
+                bar.update(task, completed=fraction, description=f"{key}: {what}")
+
+            context = Context(
+                seeds or SECTIONS[key].seeds, workers or os.cpu_count() or 1, data, out, report
+            )
+            page = SECTIONS[key].evaluate(context)
+            path = page.write()
+            report(1.0, "done")
+            print(f"{key}  {path}: {summary(page.rows)}")
+    index = Index(out)
+    print(f"index  {index.write()}: {summary(index.rows)}")

@@ -1,0 +1,211 @@
+"""A generated page: tables, figures, Markdown, in one style.
+
+A page is built in reading order::
+
+    page = Page("bound", Path("docs/evaluation"))
+    page.text("What is simulated.")
+    page.grid("Errors", ["scenario", "RMSE (m)"], [["S1", spread(values)]])
+    with page.figure("errors", "Absolute errors of one run.", rows=2) as axes:
+        axes[0].plot(t, error, color=BARO)
+    page.write()
+
+Nothing here depends on the clock: the same seeds give the same bytes.
+"""
+
+import io
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import cycle
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from companion.estimators import DEFAULT_ESTIMATOR, ESTIMATORS
+
+TRUTH, BARO, GNSS, INERTIAL = "#222222", "#d1772a", "#3874b8", "#8a5aa8"
+FUSED, OTHER, BOUND = "#21854c", "#b8403a", "#8c8c8c"
+_OTHERS = (OTHER, "#c9a227", "#3aa6a6", "#5b6bd6", "#9a9a9a", "#d48fbf")
+ESTIMATOR_COLOURS = {DEFAULT_ESTIMATOR: FUSED} | dict(
+    zip((name for name in ESTIMATORS if name != DEFAULT_ESTIMATOR), cycle(_OTHERS), strict=False)
+)
+"""One colour an estimator, by its place in the table."""
+"""Colours by role, the same on every page. FUSED is the proposal, OTHER what it is compared with."""
+
+_WIDTH_IN, _PANEL_IN, _DPI, _COLOURS = 8.0, 2.7, 110, 48
+
+_STYLE: dict[str, Any] = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9,
+    "axes.titlesize": 9,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#777777",
+    "axes.grid": True,
+    "grid.color": "#e4e4e4",
+    "grid.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "axes.xmargin": 0.01,
+    "axes.formatter.useoffset": False,
+    "lines.linewidth": 1.1,
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+    "xtick.color": "#444444",
+    "ytick.color": "#444444",
+}
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Mean and standard deviation over the seeds."""
+
+    mean: float
+    sd: float
+
+    def __str__(self) -> str:
+        if not math.isfinite(self.mean) or not self.sd > 0.0:
+            return _number(self.mean)
+        decimals = min(8, max(0, 1 - math.floor(math.log10(self.sd))))
+        return f"{self.mean:.{decimals}f} ± {self.sd:.{decimals}f}"
+
+
+Value = float | str | Spread | None
+
+
+def spread(values: ArrayLike) -> Spread:
+    """Mean and sample standard deviation of one value a seed; the latter is 0 for a single one."""
+    array = np.asarray(values, dtype=np.float64).ravel()
+    return Spread(float(array.mean()), float(array.std(ddof=1)) if array.size > 1 else 0.0)
+
+
+def generators(key: str, seeds: int) -> list[np.random.Generator]:
+    """One random generator a Monte-Carlo run of study `key`: the first n are the same however many
+    are asked for."""
+    root = np.random.SeedSequence([ord(letter) for letter in key])
+    return [np.random.default_rng(child) for child in root.spawn(seeds)]
+
+
+class Block(Protocol):
+    """A part of a page that is not plain text."""
+
+    def markdown(self) -> str: ...
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table without verdicts: a matrix of our own results."""
+
+    title: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[Value]]
+
+    def markdown(self) -> str:
+        return f"### {self.title}\n\n{markdown_table(self.header, self.rows)}"
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A PNG beside the page."""
+
+    file: str
+    caption: str
+
+    def markdown(self) -> str:
+        return f"![{self.caption}]({self.file})\n\n*{self.caption}*"
+
+
+@dataclass
+class Page:
+    """A page built in reading order; its files go to the folder `out` and begin with `slug`."""
+
+    slug: str
+    out: Path
+    blocks: list[str | Block] = field(default_factory=list)
+
+    def text(self, paragraph: str) -> None:
+        """Add Markdown as it is: a paragraph, a list, or a heading."""
+        self.blocks.append(paragraph)
+
+    def grid(self, title: str, header: Sequence[str], rows: Sequence[Sequence[Value]]) -> None:
+        """Add a table without verdicts."""
+        self.blocks.append(Grid(title, header, rows))
+
+    @contextmanager
+    def figure(
+        self,
+        name: str,
+        caption: str,
+        *,
+        rows: int = 1,
+        columns: int = 1,
+        panel_in: float = _PANEL_IN,
+        **kwargs: Any,
+    ) -> Iterator[Any]:
+        """Draw a figure of `rows` x `columns` panels; yields a flat array of Matplotlib axes.
+
+        `panel_in` is the height of a panel in inches; `kwargs` go to ``Figure.subplots``
+        (``sharex`` and the like). The panels' legends, titles and labels are up to the caller; the
+        file is ``<slug>-<name>.png``.
+        """
+        import matplotlib as mpl
+        from matplotlib.figure import Figure as Canvas
+
+        with mpl.rc_context(_STYLE):
+            canvas = Canvas(
+                figsize=(_WIDTH_IN, rows * panel_in + 0.2), dpi=_DPI, layout="constrained"
+            )
+            yield canvas.subplots(rows, columns, squeeze=False, **kwargs).ravel()
+            file = f"{self.slug}-{name}.png"
+            self.out.mkdir(parents=True, exist_ok=True)
+            (self.out / file).write_bytes(_small_png(canvas))
+        self.blocks.append(Figure(file, caption))
+
+    def head(self) -> list[str]:
+        """The paragraphs above the blocks, title first."""
+        return []
+
+    def markdown(self) -> str:
+        """The whole page."""
+        body = [block if isinstance(block, str) else block.markdown() for block in self.blocks]
+        return "\n\n".join(part.strip() for part in self.head() + body) + "\n"
+
+    def write(self) -> Path:
+        """Write the Markdown file, and return its path."""
+        self.out.mkdir(parents=True, exist_ok=True)
+        path = self.out / f"{self.slug}.md"
+        path.write_text(self.markdown(), encoding="utf-8", newline="\n")
+        return path
+
+
+def _number(value: float) -> str:
+    return f"{value:.6g}"
+
+
+def _cell(value: Value) -> str:
+    text = (
+        "" if value is None else _number(value) if isinstance(value, (int, float)) else str(value)
+    )
+    return text.replace("|", "\\|").replace("\n", " ")
+
+
+def markdown_table(header: Sequence[str], rows: Sequence[Sequence[Value]]) -> str:
+    lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
+    lines += ["| " + " | ".join(_cell(value) for value in row) + " |" for row in rows]
+    return "\n".join(lines)
+
+
+def _small_png(canvas: Any) -> bytes:
+    """The figure as a PNG of few colours, a third of the size: the pages are kept in the
+    repository."""
+    from PIL import Image
+
+    drawn, packed = io.BytesIO(), io.BytesIO()
+    canvas.savefig(drawn, format="png", metadata={"Software": None})
+    with Image.open(drawn) as image:
+        few = image.convert("RGB").quantize(_COLOURS, kmeans=2, dither=Image.Dither.NONE)
+        few.save(packed, format="png", optimize=True)
+    return packed.getvalue()

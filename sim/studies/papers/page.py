@@ -1,0 +1,197 @@
+"""The page of a reproduced paper: tables of printed against ours.
+
+A module of this package builds one in reading order::
+
+    page = Page("H", seeds, out)
+    page.text("What is simulated.")
+    page.table("Table 1", [
+        compare("P at iteration 400", printed=160.693, ours=spread(values), within=3.0, unit="m2",
+        where="Table 1"), Row("P below R_GPS", printed="always", ours="always",
+        verdict=Verdict.REPRODUCES, where="(21)"),
+    ])
+    return page
+
+A verdict is computed from the numbers wherever there are two to compare (`compare`), so that a page
+cannot go on claiming what no longer holds. Figures and plain tables: `sim.studies.page`.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+
+from companion import __version__
+from sim.studies import page as general
+from sim.studies.page import Spread, Value, markdown_table
+from sim.studies.papers import PAPERS, Paper
+
+
+class Verdict(Enum):
+    """What became of a printed number or claim."""
+
+    REPRODUCES = "reproduces"
+    ONLY_UNDER = "only under this reading"
+    """of an ambiguous or wrong print; the note says which"""
+    DOES_NOT = "**does not**"
+    NOT_COMPARABLE = "not comparable"
+    """depends on what the paper does not give, or on its computer"""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One printed number or claim, and ours."""
+
+    claim: str
+    printed: Value = None
+    ours: Value | tuple[Value, ...] = None
+    """several where a table has several columns of ours"""
+    verdict: Verdict = Verdict.NOT_COMPARABLE
+    unit: str = ""
+    where: str = ""
+    """equation, table, figure or section of the paper"""
+    note: str = ""
+
+
+def compare(
+    claim: str,
+    printed: float,
+    ours: float | Spread,
+    within: float,
+    *,
+    reading: str = "",
+    unit: str = "",
+    where: str = "",
+    note: str = "",
+) -> Row:
+    """A row whose verdict follows from the numbers.
+
+    Reproduces when our mean is no further than `within` (same unit) from the printed value; given a
+    `reading` (what has to be assumed about the print), only under it.
+    """
+    mean = ours.mean if isinstance(ours, Spread) else ours
+    verdict = Verdict.ONLY_UNDER if reading else Verdict.REPRODUCES
+    if not abs(mean - printed) <= within:
+        verdict = Verdict.DOES_NOT
+    notes = "; ".join(part for part in (reading, note) if part)
+    return Row(claim, printed, ours, verdict, unit, where, notes)
+
+
+def holds(
+    claim: str,
+    condition: bool,
+    ours: Value,
+    *,
+    printed: Value = None,
+    unit: str = "",
+    where: str = "",
+    note: str = "",
+) -> Row:
+    """A row about a claim in words: reproduces when `condition` is true of our numbers."""
+    return Row(
+        claim,
+        printed,
+        ours,
+        Verdict.REPRODUCES if condition else Verdict.DOES_NOT,
+        unit,
+        where,
+        note,
+    )
+
+
+@dataclass(frozen=True)
+class Table:
+    """Printed against ours; `ours` names the columns of ours."""
+
+    title: str
+    rows: Sequence[Row]
+    ours: tuple[str, ...] = ("ours",)
+
+    def markdown(self) -> str:
+        optional = [
+            name
+            for name in ("where", "unit", "note")
+            if any(getattr(row, name) for row in self.rows)
+        ]
+        header = [
+            "claim",
+            *_only(optional, "where"),
+            "printed",
+            *self.ours,
+            *_only(optional, "unit"),
+            "verdict",
+        ]
+        header += _only(optional, "note")
+        lines = []
+        for row in self.rows:
+            ours = row.ours if isinstance(row.ours, tuple) else (row.ours,)
+            if len(ours) != len(self.ours):
+                raise ValueError(
+                    f"{self.title}: {row.claim}: {len(ours)} values for {len(self.ours)} columns"
+                )
+            cells: list[Value] = [
+                row.claim,
+                *([row.where] if "where" in optional else []),
+                row.printed,
+                *ours,
+            ]
+            cells += [row.unit] if "unit" in optional else []
+            cells += [row.verdict.value, *([row.note] if "note" in optional else [])]
+            lines.append(cells)
+        return f"### {self.title}\n\n{markdown_table(header, lines)}"
+
+
+class Page(general.Page):
+    """The page of the paper with this key letter."""
+
+    def __init__(self, key: str, seeds: int, out: Path) -> None:
+        super().__init__(PAPERS[key].slug, out)
+        self.key, self.seeds = key, seeds
+
+    @property
+    def paper(self) -> Paper:
+        return PAPERS[self.key]
+
+    def table(self, title: str, rows: Sequence[Row], ours: tuple[str, ...] = ("ours",)) -> None:
+        """Add a table of printed against ours."""
+        self.blocks.append(Table(title, rows, ours))
+
+    @property
+    def rows(self) -> list[Row]:
+        """Every row of every table."""
+        return [row for block in self.blocks if isinstance(block, Table) for row in block.rows]
+
+    @property
+    def counts(self) -> Counter[Verdict]:
+        """How many rows have which verdict."""
+        return Counter(row.verdict for row in self.rows)
+
+    def head(self) -> list[str]:
+        """Title, citation, how the page was made, and what came of the paper's numbers."""
+        estimators = ", ".join(f"`{name}`" for name in self.paper.estimators)
+        command = f"kollsman-sim reproduce {self.key} --seeds {self.seeds} --out docs/papers"
+        return [
+            f"# {self.paper.title}",
+            f"{self.paper.citation}. Estimators: {estimators}.",
+            f"Generated by `{command}` (Kollsman {__version__}, {self.seeds} seeds), never edited by hand. "
+            "A value `a ± b` is the mean and the standard deviation over the seeds.",
+            f"Of {len(self.rows)} printed numbers and claims: {summary(self.counts)}.",
+        ]
+
+
+def summary(counts: Counter[Verdict]) -> str:
+    """Such as "21 reproduce, 3 only under one reading, 4 do not"."""
+    words = {
+        Verdict.REPRODUCES: "reproduce",
+        Verdict.ONLY_UNDER: "only under one reading",
+        Verdict.DOES_NOT: "do not",
+        Verdict.NOT_COMPARABLE: "not comparable",
+    }
+    return (
+        ", ".join(f"{counts[verdict]} {text}" for verdict, text in words.items() if counts[verdict])
+        or "none"
+    )
+
+
+def _only(names: list[str], name: str) -> list[str]:
+    return [name] if name in names else []

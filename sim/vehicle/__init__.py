@@ -1,0 +1,1 @@
+"""The MAVLink face of the simulated vehicle: streams, parameters, routing, autopilot flavours."""

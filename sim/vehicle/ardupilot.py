@@ -1,0 +1,395 @@
+"""The messages a simulated vehicle streams: one table a flavour drives streams, default rates and
+commands.
+
+Here are what all flavours share, and `TELEMETRY`, ArduPilot's table (PX4's is in ``px4.py``, the
+choice of one in ``flavours.py``). Integers and units are ArduPilot's, as measured: RAW_IMU in mG
+and mrad/s truncated as its C casts do, GPS_RAW_INT in whole milliseconds and with 65535 for
+unknown, SCALED_PRESSURE stamped when sent, SIM_STATE without any time. Besides SIM_STATE the truth
+has a DEBUG_FLOAT_ARRAY, `TRUE_AIR`, which goes to logs and to who asks.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+
+from companion.mavlink.codec import mavlink
+from sim import BOOT_UNIX_US
+from sim.aircraft import G0_MPS2, Motion, Truth
+from sim.sensors.barometer import Pressure
+from sim.sensors.gnss import Fix
+from sim.sensors.imu import ImuSample
+from sim.vehicle.frames import Packer, packer
+from sim.vehicle.own_estimate import Position
+from sim.weather import TrueAir
+
+MAV_TYPE_FIXED_WING = 1
+MAV_AUTOPILOT_ARDUPILOTMEGA = 3
+_DISARMED, _ARMED = (81, 0, 3), (217, 10, 4)
+"""base_mode, custom_mode, system_status: MANUAL in standby, AUTO armed and active, as ArduPlane 4.7
+sends them"""
+_UNKNOWN_U16 = 65535
+_MOTION_SENSORS: int = (
+    mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
+    | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL
+    | mavlink.MAV_SYS_STATUS_SENSOR_3D_MAG
+)
+_PRESSURE_SENSORS: int = (
+    mavlink.MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
+    | mavlink.MAV_SYS_STATUS_SENSOR_DIFFERENTIAL_PRESSURE
+)
+_RECEIVER: int = mavlink.MAV_SYS_STATUS_SENSOR_GPS
+_ESTIMATE: int = mavlink.MAV_SYS_STATUS_AHRS | mavlink.MAV_SYS_STATUS_PREARM_CHECK
+_ALL_SENSORS = _MOTION_SENSORS | _PRESSURE_SENSORS | _RECEIVER | _ESTIMATE
+TRUE_AIR = "trueAir"
+_ARRAY_SIZE = 58
+_EARTH_FIELD_MGAUSS = (215.0, 8.0, 425.0)
+"""north, east, down; World Magnetic Model at 47 N 8 E"""
+
+
+@dataclass(slots=True)
+class State:
+    """All that the vehicle can tell at one instant: the last value of everything."""
+
+    time_us: int = 0
+    armed: bool = False
+    truth: Truth | None = None
+    motion: Motion | None = None
+    """the true mean motion behind the last IMU sample"""
+    attitude_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    throttle: float = 0.0
+    """commanded, 0 to 1"""
+    imu: ImuSample | None = None
+    pressure: Pressure | None = None
+    fix: Fix | None = None
+    position: Position | None = None
+    home: Position | None = None
+    origin: Position | None = None
+    """where the vehicle's own estimate began"""
+    ground_pressure_pa: float = math.nan
+    """the first reading: what the barometer was calibrated to at boot"""
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    true_air: Callable[[Truth], TrueAir] | None = None
+    """what the air really is where the aircraft is"""
+
+
+class Fresh(Enum):
+    """Of what a message is a new sample: it is not repeated before there is another."""
+
+    ANY = 0
+    """no such thing: what is known is sent whenever its time has come"""
+    MOTION = 1
+    FIX = 2
+    IMU = 3
+    PRESSURE = 4
+
+
+@dataclass(frozen=True)
+class Telemetry:
+    """One streamed message."""
+
+    packer: Packer
+    payload: Callable[[State], bytes | None]
+    """None while there is nothing to send"""
+    default_hz: float
+    """on a link that has asked for nothing: ArduPlane's 1 Hz; 0 for what is only sent when asked
+    for"""
+    full_hz: float
+    """to a log, and with --all-streams"""
+    group: int = -1
+    """MAV_DATA_STREAM of REQUEST_DATA_STREAM; -1 none"""
+    fresh: Fresh = Fresh.ANY
+    follows: tuple[int, ...] = ()
+    """ids of messages that carry its time: it goes out right after one of them"""
+
+
+def heartbeat(state: State) -> bytes:
+    base_mode, custom_mode, status = _ARMED if state.armed else _DISARMED
+    return _HEARTBEAT.wire(
+        custom_mode, MAV_TYPE_FIXED_WING, MAV_AUTOPILOT_ARDUPILOTMEGA, base_mode, status, 3
+    )
+
+
+def system_time(state: State) -> bytes:
+    known = state.fix is not None and state.fix.fix_type >= 3
+    return _SYSTEM_TIME.wire(BOOT_UNIX_US + state.time_us if known else 0, state.time_us // 1000)
+
+
+def raw_imu(state: State) -> bytes | None:
+    sample, truth = state.imu, state.truth
+    if sample is None or truth is None:
+        return None
+    force, rate = sample.specific_force_b_mps2, sample.angular_rate_b_radps
+    to_mg = 1000.0 / G0_MPS2
+    mag = field_b_mgauss(truth)
+    return _RAW_IMU.wire(
+        state.time_us,
+        int16(force[0] * to_mg),
+        int16(force[1] * to_mg),
+        int16(force[2] * to_mg),
+        int16(rate[0] * 1000.0),
+        int16(rate[1] * 1000.0),
+        int16(rate[2] * 1000.0),
+        int(mag[0]),
+        int(mag[1]),
+        int(mag[2]),
+        0,
+        sample.die_temperature_cdegc,
+    )
+
+
+def sim_state(state: State) -> bytes | None:
+    """The truth: altitude AMSL, velocity NED, attitude, and the true mean specific force and rates."""
+    truth, motion = state.truth, state.motion
+    if truth is None or motion is None:
+        return None
+    roll, pitch, yaw = truth.roll_rad, truth.pitch_rad, truth.yaw_rad
+    cr, sr = math.cos(roll / 2), math.sin(roll / 2)
+    cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
+    cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
+    return _SIM_STATE.wire(
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+        roll,
+        pitch,
+        math.remainder(yaw, math.tau),
+        *motion.specific_force_b_mps2,
+        *motion.angular_rate_b_radps,
+        truth.latitude_deg,
+        truth.longitude_deg,
+        truth.altitude_amsl_m,
+        0.0,
+        0.0,
+        truth.north_mps,
+        truth.east_mps,
+        truth.down_mps,
+        round(truth.latitude_deg * 1e7),
+        round(truth.longitude_deg * 1e7),
+    )
+
+
+def true_air(state: State) -> bytes | None:
+    """The truth about the air in a message that loggers and plotters know: QNH (hPa), the column's
+    pressure at sea level (hPa), temperature less the standard one (K), pressure altitude (m), wind
+    towards north, east, down (m/s)."""
+    if state.truth is None or state.true_air is None:
+        return None
+    air = state.true_air(state.truth)
+    told = [air.qnh_pa * 0.01, air.sea_level_pa * 0.01, *air[2:]]
+    return _DEBUG_FLOAT_ARRAY.named(
+        time_usec=state.truth.time_us, name=TRUE_AIR, data=told + [0.0] * (_ARRAY_SIZE - len(told))
+    )
+
+
+def scaled_pressure(state: State) -> bytes | None:
+    """Stamped when sent, and repeated when asked for more often than the barometer measures:
+    ArduPilot's way."""
+    sample, truth = state.pressure, state.truth
+    if sample is None or truth is None:
+        return None
+    pitot_hpa = 0.5 * 1.225 * truth.airspeed_mps**2 * 0.01
+    die_cdegc = round((sample.die_temperature_k - 273.15) * 100.0)
+    return _SCALED_PRESSURE.wire(
+        state.time_us // 1000, sample.pressure_pa * 0.01, pitot_hpa, die_cdegc, 0
+    )
+
+
+def gps_raw_int(state: State) -> bytes | None:
+    fix = state.fix
+    if fix is None:
+        return None
+    if fix.fix_type < 3:
+        unknown = {"eph": _UNKNOWN_U16, "epv": _UNKNOWN_U16, "cog": _UNKNOWN_U16}
+        return _GPS_RAW_INT.named(fix_type=fix.fix_type, **unknown)
+    speed = math.hypot(fix.north_mps, fix.east_mps)
+    course_deg = math.degrees(math.atan2(fix.east_mps, fix.north_mps)) % 360.0
+    return _GPS_RAW_INT.wire(
+        fix.stamp_us // 1000 * 1000,
+        round(fix.latitude_deg * 1e7),
+        round(fix.longitude_deg * 1e7),
+        round(fix.altitude_amsl_m * 1e3),
+        fix.hdop_centi,
+        fix.vdop_centi,
+        min(round(speed * 100.0), _UNKNOWN_U16 - 1),
+        round(course_deg * 100.0) % 36000,
+        fix.fix_type,
+        fix.satellites,
+        round(fix.altitude_ellipsoid_m * 1e3),
+        round(fix.horizontal_sd_m * 1e3),
+        round(fix.vertical_sd_m * 1e3),
+        round(fix.velocity_sd_mps * 1e3),
+        0,
+        0,
+    )
+
+
+def attitude(state: State) -> bytes | None:
+    truth = state.truth
+    if truth is None:
+        return None
+    rates = (truth.roll_rate_radps, truth.pitch_rate_radps, truth.yaw_rate_radps)
+    return _ATTITUDE.wire(state.time_us // 1000, *state.attitude_rad, *rates)
+
+
+def global_position_int(state: State) -> bytes | None:
+    """Silent until there is an origin; ArduPilot sends positions near 0, 0 until then, which help
+    nobody."""
+    position = state.position
+    if position is None:
+        return None
+    home_m = state.home.altitude_amsl_m if state.home else position.altitude_amsl_m
+    return _GLOBAL_POSITION_INT.wire(
+        state.time_us // 1000,
+        round(position.latitude_deg * 1e7),
+        round(position.longitude_deg * 1e7),
+        round(position.altitude_amsl_m * 1e3),
+        round((position.altitude_amsl_m - home_m) * 1e3),
+        int16(position.north_mps * 100.0),
+        int16(position.east_mps * 100.0),
+        int16(-position.climb_mps * 100.0),
+        round(math.degrees(state.attitude_rad[2]) * 100.0) % 36000,
+    )
+
+
+def vfr_hud(state: State) -> bytes | None:
+    """What a pilot looks at, of the vehicle's own estimate; the airspeed is the calibrated one, the
+    height AMSL."""
+    truth, position = state.truth, state.position
+    if truth is None:
+        return None
+    ground_mps = math.hypot(position.north_mps, position.east_mps) if position else 0.0
+    return _VFR_HUD.wire(
+        truth.airspeed_mps,
+        ground_mps,
+        position.altitude_amsl_m if position else 0.0,
+        position.climb_mps if position else 0.0,
+        round(math.degrees(state.attitude_rad[2])) % 360,
+        round(100.0 * state.throttle),
+    )
+
+
+def sys_status(state: State) -> bytes:
+    """Its sensors, and which of them are well: the receiver from its first 3D fix, the estimate
+    from its origin on.
+
+    There is no battery: voltage, current and charge are unknown."""
+    healthy = _MOTION_SENSORS
+    if state.pressure is not None:
+        healthy |= _PRESSURE_SENSORS
+    if state.fix is not None and state.fix.fix_type >= 3:
+        healthy |= _RECEIVER
+    if state.position is not None:
+        healthy |= _ESTIMATE
+    return _SYS_STATUS.named(
+        onboard_control_sensors_present=_ALL_SENSORS,
+        onboard_control_sensors_enabled=_ALL_SENSORS,
+        onboard_control_sensors_health=healthy,
+        voltage_battery=_UNKNOWN_U16,
+        current_battery=-1,
+        battery_remaining=-1,
+    )
+
+
+def extended_sys_state(state: State) -> bytes | None:
+    if state.truth is None:
+        return None
+    return _EXTENDED_SYS_STATE.wire(0, 1 if state.truth.on_ground else 2)
+
+
+def home_position(state: State) -> bytes | None:
+    home = state.home
+    if home is None:
+        return None
+    return _HOME_POSITION.named(
+        latitude=round(home.latitude_deg * 1e7),
+        longitude=round(home.longitude_deg * 1e7),
+        altitude=round(home.altitude_amsl_m * 1e3),
+        q=[math.nan] * 4,
+        time_usec=state.time_us,
+    )
+
+
+def highres_imu(state: State) -> bytes | None:
+    """ArduPilot's, with the magnetic field a thousand times too large, ``diff_pressure`` the
+    difference from the ground's pressure, and ``pressure_alt`` the estimate above sea level."""
+    sample, truth, pressure = state.imu, state.truth, state.pressure
+    if sample is None or truth is None or pressure is None:
+        return None
+    return _HIGHRES_IMU.wire(
+        state.time_us,
+        *sample.specific_force_b_mps2,
+        *sample.angular_rate_b_radps,
+        *field_b_mgauss(truth),
+        pressure.pressure_pa * 0.01,
+        (pressure.pressure_pa - state.ground_pressure_pa) * 0.01,
+        state.position.altitude_amsl_m if state.position else 0.0,
+        pressure.die_temperature_k - 273.15,
+        0x1FFF,
+        0,
+    )
+
+
+def int16(value: float) -> int:
+    """`value` without its fraction, no further than the type reaches."""
+    return int(value) if -32768.0 <= value <= 32767.0 else 32767 if value > 0.0 else -32768
+
+
+def field_b_mgauss(truth: Truth) -> tuple[float, float, float]:
+    """The Earth's magnetic field in the body's axes, milligauss."""
+    north, east, down = _EARTH_FIELD_MGAUSS
+    cr, sr = math.cos(truth.roll_rad), math.sin(truth.roll_rad)
+    cp, sp = math.cos(truth.pitch_rad), math.sin(truth.pitch_rad)
+    cy, sy = math.cos(truth.yaw_rad), math.sin(truth.yaw_rad)
+    ahead, right = cy * north + sy * east, cy * east - sy * north
+    below = sp * ahead + cp * down
+    return cp * ahead - sp * down, cr * right + sr * below, cr * below - sr * right
+
+
+_HEARTBEAT = packer("HEARTBEAT")
+_SYS_STATUS = packer("SYS_STATUS")
+_VFR_HUD = packer("VFR_HUD")
+_SYSTEM_TIME = packer("SYSTEM_TIME")
+_ATTITUDE = packer("ATTITUDE")
+_RAW_IMU = packer("RAW_IMU")
+_SIM_STATE = packer("SIM_STATE")
+_HIGHRES_IMU = packer("HIGHRES_IMU")
+_DEBUG_FLOAT_ARRAY = packer("DEBUG_FLOAT_ARRAY")
+_SCALED_PRESSURE = packer("SCALED_PRESSURE")
+_GPS_RAW_INT = packer("GPS_RAW_INT")
+_GLOBAL_POSITION_INT = packer("GLOBAL_POSITION_INT")
+_EXTENDED_SYS_STATE = packer("EXTENDED_SYS_STATE")
+_HOME_POSITION = packer("HOME_POSITION")
+_RAW_SENSORS, _EXTENDED_STATUS, _POSITION, _EXTRA1, _EXTRA2, _EXTRA3 = 1, 2, 6, 10, 11, 12
+
+# In the order in which they are sent within a tick. SIM_STATE at 25 Hz: linear interpolation over
+# 40 ms misses a turbulent 2 m/s2 by 0.4 mm, as much as the float32 it travels in, and every second
+# RAW_IMU has its own attitude.
+_TABLE = (
+    Telemetry(_HEARTBEAT, heartbeat, 1.0, 1.0),
+    Telemetry(_SYS_STATUS, sys_status, 1.0, 1.0, _EXTENDED_STATUS),
+    Telemetry(_SYSTEM_TIME, system_time, 1.0, 1.0, _EXTRA3),
+    Telemetry(_ATTITUDE, attitude, 1.0, 10.0, _EXTRA1, Fresh.MOTION),
+    Telemetry(_RAW_IMU, raw_imu, 1.0, 50.0, _RAW_SENSORS, Fresh.MOTION),
+    Telemetry(
+        _SIM_STATE,
+        sim_state,
+        1.0,
+        25.0,
+        _EXTRA1,
+        Fresh.MOTION,
+        (_RAW_IMU.message_id, _ATTITUDE.message_id),
+    ),
+    Telemetry(_SCALED_PRESSURE, scaled_pressure, 1.0, 20.0, _RAW_SENSORS),
+    Telemetry(_GPS_RAW_INT, gps_raw_int, 1.0, 5.0, _EXTENDED_STATUS, Fresh.FIX),
+    Telemetry(_GLOBAL_POSITION_INT, global_position_int, 1.0, 10.0, _POSITION, Fresh.MOTION),
+    Telemetry(_VFR_HUD, vfr_hud, 1.0, 1.0, _EXTRA2),
+    Telemetry(_EXTENDED_SYS_STATE, extended_sys_state, 1.0, 1.0, _EXTENDED_STATUS),
+    Telemetry(_HOME_POSITION, home_position, 0.2, 0.2),
+    Telemetry(_HIGHRES_IMU, highres_imu, 0.0, 0.0),
+    Telemetry(_DEBUG_FLOAT_ARRAY, true_air, 0.0, 1.0),
+)
+
+TELEMETRY: Mapping[int, Telemetry] = {row.packer.message_id: row for row in _TABLE}
+NAMES: Mapping[str, int] = {row.packer.name: row.packer.message_id for row in _TABLE}

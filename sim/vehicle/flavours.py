@@ -1,0 +1,127 @@
+"""Whose autopilot the vehicle looks like: what it streams, which parameters it has, and how it
+answers."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from companion.mavlink.codec import mavlink
+from sim.vehicle import ardupilot as telemetry
+from sim.vehicle import parameters, px4
+from sim.vehicle.ardupilot import State, Telemetry
+from sim.vehicle.frames import packer
+from sim.vehicle.parameters import Parameter
+
+FlavourName = Literal["ardupilot", "px4", "generic"]
+
+_DENIED: int = mavlink.MAV_RESULT_DENIED
+_FAILED: int = mavlink.MAV_RESULT_FAILED
+_ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
+_ANSWERED: int = (
+    mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
+    | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
+    | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+)
+"""What is answered here, and no more: a client that is promised files or missions asks for them."""
+
+
+@dataclass(frozen=True)
+class Flavour:
+    """One kind of autopilot."""
+
+    name: FlavourName
+    messages: Mapping[int, Telemetry]
+    parameters: tuple[Parameter, ...]
+    software: tuple[int, int, int]
+    capabilities: int
+    unknown_interval: int
+    """result of SET_MESSAGE_INTERVAL for a message it does not stream"""
+    unknown_query: int
+    """and of GET_MESSAGE_INTERVAL, which says 0, "not available" """
+    unknown_request: int
+    """and of REQUEST_MESSAGE"""
+    ardupilot: bool = False
+    """says the texts that ArduPilot says; PARAM_VALUE without an index unless it was asked for by
+    one"""
+    shortest_us: int = 0
+    """less than that between two messages is denied: ArduPilot sends in at most 0.8 of its loops"""
+    step_us: int = 1
+    """intervals are multiples of it"""
+    buckets: int = 1000
+    """so many different intervals a link; another one snaps to the nearest"""
+    groups: bool = True
+    """REQUEST_DATA_STREAM is obeyed"""
+    baro_hz: int = 20
+    """how often it takes a reading of its barometer: ArduPilot's vehicles call AP_Baro::update at
+    10 Hz"""
+    timesync_us: int = 0
+    """it asks for the time every so often; 0 never"""
+    listing_slowdown: int = 1
+    """streams are so much slower on a link that the parameters are listed on"""
+
+    def version_payload(self) -> bytes:
+        """AUTOPILOT_VERSION."""
+        major, minor, patch = self.software
+        return packer("AUTOPILOT_VERSION").named(
+            capabilities=self.capabilities,
+            flight_sw_version=major << 24
+            | minor << 16
+            | patch << 8,  # the last byte: a development version
+            flight_custom_version=list(b"kollsman"),
+            uid=_UID,
+        )
+
+
+def _generic_heartbeat(state: State) -> bytes:
+    base_mode, status = (
+        (156, 4) if state.armed else (80, 3)
+    )  # auto, guided, stabilised; manual, stabilised
+    return packer("HEARTBEAT").wire(0, mavlink.MAV_TYPE_FIXED_WING, 0, base_mode, status, 3)
+
+
+_UID = 0x6B6F6C6C736D616E  # "kollsman"
+_HEARTBEAT: int = mavlink.MAVLINK_MSG_ID_HEARTBEAT
+_GENERIC = {key: row for key, row in telemetry.TELEMETRY.items() if row.full_hz > 0.0}
+_GENERIC[_HEARTBEAT] = replace(_GENERIC[_HEARTBEAT], payload=_generic_heartbeat)
+
+ARDUPILOT = Flavour(
+    name="ardupilot",
+    messages=telemetry.TELEMETRY,
+    parameters=parameters.ARDUPILOT,
+    software=(4, 7, 0),
+    capabilities=_ANSWERED,
+    unknown_interval=_DENIED,
+    unknown_query=_FAILED,
+    unknown_request=_FAILED,
+    ardupilot=True,
+    shortest_us=12_500,
+    step_us=1000,
+    buckets=10,
+    baro_hz=10,
+    timesync_us=10_000_000,
+    listing_slowdown=4,
+)
+PX4 = Flavour(
+    name="px4",
+    messages=px4.TELEMETRY,
+    parameters=parameters.PX4,
+    software=(1, 17, 0),
+    capabilities=_ANSWERED | mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE,
+    unknown_interval=_FAILED,
+    unknown_query=_ACCEPTED,
+    unknown_request=_DENIED,
+    groups=False,
+    timesync_us=100_000,
+)
+GENERIC = Flavour(
+    name="generic",
+    messages=_GENERIC,
+    parameters=parameters.GENERIC,
+    software=(1, 0, 0),
+    capabilities=_ANSWERED,
+    unknown_interval=_DENIED,
+    unknown_query=_FAILED,
+    unknown_request=_FAILED,
+)
+
+FLAVOURS: Mapping[str, Flavour] = {flavour.name: flavour for flavour in (ARDUPILOT, PX4, GENERIC)}

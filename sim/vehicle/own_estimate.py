@@ -1,0 +1,126 @@
+"""The vehicle's own estimate, for ATTITUDE, GLOBAL_POSITION_INT and HOME_POSITION: believable,
+simple, and not truth.
+
+Height follows the barometer alone, as ArduPilot's EKF3 does by default: its AMSL origin is one
+early GNSS fix, error included, and is never corrected, so that the weather goes into it in full
+(EKF3 measured: 23 m RMSE where the barometer drifts). Position is the last fix carried on with its
+velocity. Attitude is the truth with a slow error of a fraction of a degree.
+"""
+
+import math
+from typing import Annotated, NamedTuple
+
+from pydantic import Field
+
+from sim.aircraft import Truth
+from sim.sensors import GaussMarkov, SensorConfig, normals
+from sim.sensors.barometer import Pressure
+from sim.sensors.gnss import Fix
+
+ORIGIN_DELAY_S = 10.0
+"""EKF3 takes its origin about ten seconds after the first 3D fix, when its checks of the receiver
+have passed."""
+_SMOOTHING_S = 0.5
+_EARTH_M_PER_DEG = 111_319.49
+
+
+class EstimateConfig(SensorConfig):
+    """Errors of the vehicle's own attitude."""
+
+    tilt_sd_deg: Annotated[float, Field(ge=0.0, le=30.0)] = 0.3
+    """standard deviation of its roll and pitch"""
+    heading_sd_deg: Annotated[float, Field(ge=0.0, le=90.0)] = 1.0
+    """standard deviation of its yaw"""
+    attitude_time_s: Annotated[float, Field(gt=0.0, le=1e5)] = 60.0
+    """correlation time of these errors"""
+
+
+class Position(NamedTuple):
+    """Where the vehicle believes to be."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_amsl_m: float
+    north_mps: float
+    east_mps: float
+    climb_mps: float
+
+
+class OwnEstimate:
+    """Fed with the vehicle's sensors; `position` is None until there is an origin."""
+
+    def __init__(self, config: EstimateConfig, seed: int, attitude_dt_s: float) -> None:
+        seed = seed if config.seed is None else config.seed
+
+        def error(name: str, sd_deg: float) -> GaussMarkov:
+            noise = normals(seed, "estimate", name)
+            return GaussMarkov(math.radians(sd_deg), config.attitude_time_s, attitude_dt_s, noise)
+
+        self._roll = error("roll", config.tilt_sd_deg)
+        self._pitch = error("pitch", config.tilt_sd_deg)
+        self._yaw = error("yaw", config.heading_sd_deg)
+        self._height_m = math.nan
+        self._climb_mps = 0.0
+        self._pressure_us = 0
+        self._fix: Fix | None = None
+        self._first_fix_us: int | None = None
+        self._origin_offset_m: float | None = None
+
+    @property
+    def has_origin(self) -> bool:
+        return self._origin_offset_m is not None
+
+    def on_pressure(self, sample: Pressure) -> None:
+        """Critically damped alpha-beta filter of the ISA altitude: no lag in a steady climb."""
+        height_m = _isa_altitude_m(sample.pressure_pa)
+        dt_s = (sample.time_us - self._pressure_us) * 1e-6
+        self._pressure_us = sample.time_us
+        if math.isnan(self._height_m):
+            self._height_m = height_m
+            return
+        keep = math.exp(-dt_s / _SMOOTHING_S)
+        predicted_m = self._height_m + self._climb_mps * dt_s
+        innovation_m = height_m - predicted_m
+        self._height_m = predicted_m + (1.0 - keep**2) * innovation_m
+        self._climb_mps += (1.0 - keep) ** 2 * innovation_m / dt_s
+
+    def on_fix(self, fix: Fix) -> bool:
+        """Take a fix; True when it set the origin."""
+        if fix.fix_type < 3:
+            return False
+        self._fix = fix
+        if self._first_fix_us is None:
+            self._first_fix_us = fix.stamp_us
+        ready = fix.stamp_us - self._first_fix_us >= ORIGIN_DELAY_S * 1e6
+        if self._origin_offset_m is None and ready and not math.isnan(self._height_m):
+            self._origin_offset_m = fix.altitude_amsl_m - self._height_m
+            return True
+        return False
+
+    def position(self, time_us: int) -> Position | None:
+        fix, offset_m = self._fix, self._origin_offset_m
+        if fix is None or offset_m is None:
+            return None
+        age_s = (time_us - fix.measured_us) * 1e-6
+        per_degree_m = _EARTH_M_PER_DEG * math.cos(math.radians(fix.latitude_deg))
+        return Position(
+            fix.latitude_deg + fix.north_mps * age_s / _EARTH_M_PER_DEG,
+            fix.longitude_deg + fix.east_mps * age_s / per_degree_m,
+            self._height_m + self._climb_mps * (time_us - self._pressure_us) * 1e-6 + offset_m,
+            fix.north_mps,
+            fix.east_mps,
+            self._climb_mps,
+        )
+
+    def attitude(self, truth: Truth) -> tuple[float, float, float]:
+        """Roll, pitch, yaw (rad). Call it once every ``attitude_dt_s``: the errors advance."""
+        return (
+            truth.roll_rad + self._roll.step(),
+            truth.pitch_rad + self._pitch.step(),
+            math.remainder(truth.yaw_rad + self._yaw.step(), math.tau),
+        )
+
+
+def _isa_altitude_m(pressure_pa: float) -> float:
+    """What ArduPilot's AP_Baro makes of a pressure in the troposphere of the standard day."""
+    return 44_330.77 * (1.0 - math.pow(pressure_pa / 101_325.0, 0.190263))

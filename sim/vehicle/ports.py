@@ -1,0 +1,187 @@
+"""A port: one place the vehicle's messages go, with rates, sequence numbers and counts of its own.
+
+A live link starts at the default rates of the flavour (ArduPlane's 1 Hz) and obeys what is asked on
+it; a log gets the full set. Rates hold in simulated time.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+
+from sim import TICK_US
+from sim.vehicle.ardupilot import Fresh, State, Telemetry
+from sim.vehicle.flavours import ARDUPILOT, Flavour
+from sim.vehicle.frames import Packer
+
+MIN_INTERVAL_US = 20_000
+"""50 Hz, the rate of the IMU samples: nothing comes quicker, whatever was granted."""
+MAX_INTERVAL_US = 60_000_000
+OFF = -1
+_ANY, _MOTION, _FIX, _IMU, _PRESSURE = (
+    Fresh  # looked up in its class, a member costs four times as much (Python 3.11)
+)
+SYSTEM_ID = COMPONENT_ID = 1
+
+
+class _Stream:
+    """One message on one port."""
+
+    __slots__ = ("carriers", "default_us", "due_us", "interval_us", "message_id", "row")
+
+    def __init__(self, message_id: int, row: Telemetry, interval_us: int) -> None:
+        self.message_id = message_id
+        self.row = row
+        self.default_us = self.interval_us = interval_us
+        self.due_us = 0
+        self.carriers: tuple[int, ...] = ()
+        """those of ``row.follows`` that are streamed here"""
+
+
+class Port:
+    """Sends to one destination. `deliver` takes a whole frame and says whether it was taken."""
+
+    def __init__(
+        self,
+        name: str,
+        deliver: Callable[[bytes], bool],
+        rates_hz: Mapping[str, float],
+        *,
+        full: bool = False,
+        flavour: Flavour = ARDUPILOT,
+    ) -> None:
+        self.name = name
+        self.sent: Counter[str] = Counter()
+        self.sent_bytes = 0
+        self.dropped = 0
+        self.forwarded = 0
+        """frames of others"""
+        self.heard = False
+        """whether anything has come from there"""
+        self.slowdown = 1
+        """of all streams, while there is more urgent traffic"""
+        self._flavour = flavour
+        self._deliver = deliver
+        self._sequence = 0
+        self._streams: dict[int, _Stream] = {}
+        for message_id, row in flavour.messages.items():
+            rate_hz = rates_hz.get(row.packer.name, row.full_hz if full else row.default_hz)
+            self._streams[message_id] = _Stream(message_id, row, _interval_us(rate_hz))
+        self._active: list[_Stream] = []
+        self._next_due_us = 0
+        self._fix_us = -1
+        """measurement time of the last fix sent"""
+        self._activate()
+
+    def stream(self, state: State) -> None:
+        """Send all that is due and has something new to say."""
+        now_us = state.time_us
+        if now_us < self._next_due_us:
+            return
+        last_id = -1
+        soonest_us = now_us + MAX_INTERVAL_US
+        for stream in self._active:
+            if stream.due_us <= now_us and self._is_new(stream, state, last_id):
+                payload = stream.row.payload(state)
+                if payload is not None:
+                    self.send(stream.row.packer, payload)
+                    last_id = stream.message_id
+                    # Behind by more than an interval (it had to wait for a fix): start over instead
+                    # of catching up.
+                    interval_us = stream.interval_us * self.slowdown
+                    stream.due_us += interval_us
+                    if stream.due_us <= now_us:
+                        stream.due_us = now_us + interval_us
+            if stream.due_us < soonest_us:  # noqa: PLR1730
+                soonest_us = stream.due_us
+        self._next_due_us = soonest_us
+
+    def _is_new(self, stream: _Stream, state: State, last_id: int) -> bool:
+        """Whether there is a sample that was not sent, and the carrier of its time has just gone
+        out."""
+        if stream.carriers and last_id not in stream.carriers:
+            return False
+        fresh = stream.row.fresh
+        if fresh is _ANY:
+            return True
+        if fresh is _MOTION:
+            return state.truth is not None and state.truth.time_us == state.time_us
+        if fresh is _IMU:
+            return state.imu is not None and state.imu.time_us == state.time_us
+        if fresh is _PRESSURE:
+            return state.pressure is not None and state.pressure.time_us == state.time_us
+        if state.fix is None or state.fix.measured_us == self._fix_us:
+            return False
+        self._fix_us = state.fix.measured_us
+        return True
+
+    def send(self, packer: Packer, payload: bytes) -> None:
+        """Send one message now."""
+        frame = packer.frame(payload, self._sequence, SYSTEM_ID, COMPONENT_ID)
+        self._sequence = (self._sequence + 1) & 0xFF
+        if self._deliver(frame):
+            self.sent[packer.name] += 1
+            self.sent_bytes += len(frame)
+        else:
+            self.dropped += 1
+
+    def forward(self, frame: bytes) -> None:
+        """Send somebody else's frame as it is."""
+        if self._deliver(frame):
+            self.forwarded += 1
+        else:
+            self.dropped += 1
+
+    def set_interval(self, message_id: int, interval_us: int, now_us: int) -> None:
+        """Microseconds between two of `message_id`: clamped, and in the flavour's steps; 0 restores
+        the default, negative stops it."""
+        stream = self._streams[message_id]
+        if interval_us == 0:
+            interval_us = stream.default_us
+        elif interval_us > 0:
+            interval_us = interval_us // self._flavour.step_us * self._flavour.step_us
+            interval_us = self._in_a_bucket(
+                stream, max(MIN_INTERVAL_US, min(interval_us, MAX_INTERVAL_US))
+            )
+        else:
+            interval_us = OFF
+        stream.interval_us = interval_us
+        stream.due_us = now_us + TICK_US
+        self._activate()
+
+    def _in_a_bucket(self, stream: _Stream, interval_us: int) -> int:
+        """The nearest interval that another message has, when there is room for no more different
+        ones."""
+        others = {other.interval_us for other in self._active if other is not stream}
+        if len(others) < self._flavour.buckets:
+            return interval_us
+        return min(others, key=lambda other_us: abs(other_us - interval_us))
+
+    def hasten(self, message_id: int, now_us: int) -> None:
+        """Send `message_id`, if it is streamed, with what is sent next: it has changed."""
+        self._streams[message_id].due_us = self._next_due_us = now_us
+
+    def interval_us(self, message_id: int) -> int:
+        """The interval in force; `OFF` when stopped."""
+        return self._streams[message_id].interval_us
+
+    def _activate(self) -> None:
+        self._active = [stream for stream in self._streams.values() if stream.interval_us != OFF]
+        streamed = {stream.message_id for stream in self._active}
+        for stream in self._active:
+            stream.carriers = tuple(
+                message_id for message_id in stream.row.follows if message_id in streamed
+            )
+        self._next_due_us = 0
+
+
+def _interval_us(rate_hz: float) -> int:
+    return max(MIN_INTERVAL_US, round(1e6 / rate_hz)) if rate_hz > 0 else OFF
+
+
+def check_rates(rates_hz: Mapping[str, float], flavour: Flavour = ARDUPILOT) -> None:
+    """ValueError naming the first message that is not streamed."""
+    names = [row.packer.name for row in flavour.messages.values()]
+    for name in rates_hz:
+        if name not in names:
+            raise ValueError(
+                f"'{name}' is not streamed: use {', '.join(names)} (of {flavour.name})"
+            )

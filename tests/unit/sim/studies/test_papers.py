@@ -1,0 +1,126 @@
+"""The pages of the reproduced papers: verdicts follow from numbers, same seeds give the same bytes."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from sim.cli import app
+from sim.studies.page import FUSED, Spread, generators, spread
+from sim.studies.papers import PAPERS, Paper
+from sim.studies.papers.page import Page, Row, Verdict, compare, holds, summary
+from tests.paths import ROOT
+
+PAGES = ROOT / "docs" / "papers"
+LARGEST_FIGURE_BYTES = 100_000
+
+
+def quiet(fraction: float, what: str) -> None:
+    assert 0.0 <= fraction <= 1.0, what
+
+
+class TestVerdicts:
+    def test_a_number_reproduces_within_its_tolerance_only(self) -> None:
+        assert compare("x", 10.0, Spread(10.4, 1.0), 0.5).verdict is Verdict.REPRODUCES
+        assert compare("x", 10.0, 10.6, 0.5).verdict is Verdict.DOES_NOT
+        assert compare("x", 10.0, float("nan"), 0.5).verdict is Verdict.DOES_NOT
+
+    def test_a_reading_qualifies_it(self) -> None:
+        row = compare("x", 10.0, 10.0, 0.5, reading="k in kPa", note="and more")
+        assert (row.verdict, row.note) == (Verdict.ONLY_UNDER, "k in kPa; and more")
+        assert compare("x", 10.0, 11.0, 0.5, reading="k in kPa").verdict is Verdict.DOES_NOT
+
+    def test_a_claim_in_words(self) -> None:
+        assert holds("better", True, "yes").verdict is Verdict.REPRODUCES
+        assert holds("better", False, "no").verdict is Verdict.DOES_NOT
+
+
+def test_spread_is_mean_and_sample_deviation() -> None:
+    values = [1.0, 2.0, 4.0]
+    assert spread(values) == Spread(pytest.approx(7 / 3), pytest.approx(np.std(values, ddof=1)))  # type: ignore[arg-type]
+    assert spread(5.0) == Spread(5.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (Spread(14.2687, 0.2513), "14.27 ± 0.25"),
+        (Spread(377.9, 12.0), "378 ± 12"),
+        (Spread(168.97812, 0.000591), "168.97812 ± 0.00059"),
+        (Spread(54.756, 0.0), "54.756"),
+        (Spread(float("nan"), 1.0), "nan"),
+    ],
+)
+def test_a_spread_shows_two_digits_of_its_deviation(value: Spread, text: str) -> None:
+    assert str(value) == text
+
+
+def test_the_first_generators_do_not_depend_on_how_many_are_asked_for() -> None:
+    few, many = generators("H", 3), generators("H", 10)
+    assert [g.random() for g in few] == [g.random() for g in many[:3]]
+    assert generators("W", 1)[0].random() != generators("H", 1)[0].random()
+
+
+class TestPage:
+    def test_tables_and_figures_in_reading_order(self, tmp_path: Path) -> None:
+        page = Page("H", 5, tmp_path)
+        page.text("First.")
+        page.table("A table", [compare("x", 1.0, 1.0, 0.1, unit="m"), Row("y | z", printed="yes")])
+        with page.figure("lines", "Two lines.", rows=2) as axes:
+            axes[1].plot([0, 1], [1, 0], color=FUSED)
+        page.grid("Ours", ["a", "b"], [["n", 1.5]])
+        text = page.write().read_text(encoding="utf-8")
+        order = [
+            "never edited by hand",
+            "First.",
+            "### A table",
+            "y \\| z",
+            "lines.png",
+            "### Ours",
+        ]
+        assert [text.index(part) for part in order] == sorted(text.index(part) for part in order)
+        assert (tmp_path / "adaptive-fusion-lines.png").read_bytes().startswith(b"\x89PNG")
+        assert summary(page.counts) == "1 reproduce, 1 not comparable"
+
+    def test_every_column_of_ours_needs_a_value(self, tmp_path: Path) -> None:
+        page = Page("H", 5, tmp_path)
+        page.table("T", [Row("x", ours=(1.0, 2.0, 3.0))], ours=("a", "b"))
+        with pytest.raises(ValueError, match="3 values for 2 columns"):
+            page.markdown()
+
+
+def test_same_seeds_same_bytes(tmp_path: Path) -> None:
+    for run in ("one", "two"):
+        PAPERS["H"].reproduce(3, tmp_path / run, quiet).write()
+    names = sorted(path.name for path in (tmp_path / "one").iterdir())
+    assert len(names) == 4
+    for name in names:
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes(), (
+            name
+        )
+
+
+class TestCommand:
+    def test_writes_the_page_and_says_where(self, tmp_path: Path) -> None:
+        result = CliRunner().invoke(app, ["reproduce", "h", "--seeds", "2", "--out", str(tmp_path)])
+        assert result.exit_code == 0, result.output
+        assert result.stdout.startswith(f"H  {tmp_path / 'adaptive-fusion.md'}  2 seeds: ")
+
+    def test_an_unknown_key_is_wrong_usage(self, tmp_path: Path) -> None:
+        result = CliRunner().invoke(app, ["reproduce", "Z", "--out", str(tmp_path)])
+        assert result.exit_code == 2
+        assert "no paper 'Z'" in result.stderr
+        assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("paper", PAPERS.values(), ids=PAPERS)
+def test_the_page_in_the_repository_is_whole_and_small(paper: Paper) -> None:
+    text = (PAGES / f"{paper.slug}.md").read_text(encoding="utf-8")
+    assert f"--seeds {paper.seeds} --out docs/papers" in text
+    figures = re.findall(r"\]\(([^)]+\.png)\)", text)
+    assert figures
+    assert {PAGES / figure for figure in figures} == set(PAGES.glob(f"{paper.slug}-*.png"))
+    for figure in figures:
+        assert (PAGES / figure).stat().st_size < LARGEST_FIGURE_BYTES, figure

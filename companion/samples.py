@@ -45,6 +45,7 @@ class Kind(IntEnum):
     AIR = 5
     STATUS = 6
     HOME = 7
+    AIRSPEED = 8
 
 
 class Verdict(IntEnum):
@@ -124,6 +125,7 @@ DTYPES: Mapping[Kind, np.dtype[Any]] = {
     Kind.AIR: _dtype(
         ("air_temperature_k", "f8"),
         ("qnh_pa", "f8"),
+        ("field_elevation_m", "f8"),  # of the ground that the vehicle rests on
     ),
     Kind.STATUS: _dtype(
         ("armed", "i8"),  # 1, 0, -1 unknown
@@ -134,6 +136,9 @@ DTYPES: Mapping[Kind, np.dtype[Any]] = {
         ("latitude_deg", "f8"),
         ("longitude_deg", "f8"),
         ("altitude_amsl_m", "f8"),
+    ),
+    Kind.AIRSPEED: _dtype(
+        ("airspeed_mps", "f8"),  # calibrated: what the dynamic pressure corresponds to at sea level
     ),
 }
 
@@ -207,6 +212,7 @@ class Tables(NamedTuple):
     air: Rows
     status: Rows
     home: Rows
+    airspeed: Rows
 
 
 class _Column:

@@ -26,7 +26,7 @@ HIGHEST_FORCE_MPS2, HIGHEST_RATE_RADPS = 200.0, 40.0
 """What an inertial sensor can read: 16 g parts clip at 157 m/s2, 2000 deg/s parts at 35 rad/s."""
 
 USED, GATED, STALE, INVALID, IGNORED = (int(verdict) for verdict in Verdict)
-IMU, PRESSURE, GNSS, ATTITUDE, RANGE, AIR, STATUS, HOME = (int(kind) for kind in Kind)
+IMU, PRESSURE, GNSS, ATTITUDE, RANGE, AIR, STATUS, HOME, AIRSPEED = (int(kind) for kind in Kind)
 
 
 def state_dtype(*fields: tuple[Any, ...]) -> np.dtype[Any]:

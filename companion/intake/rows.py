@@ -76,6 +76,7 @@ class Intake:
             0,
             air_k,
             math.nan if qnh_hpa is None else qnh_hpa * 100.0,
+            math.nan,
         )
         return row
 

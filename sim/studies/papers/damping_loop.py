@@ -208,7 +208,8 @@ def printed_over_least(drives: list[Drive]) -> Array:
     for driven, random in zip(drives, generators("K", len(drives)), strict=True):
         flight = flight_of(driven)
         least = min(
-            tuning.search(lambda s: flight.cost(tuning.decode(s)), random).cost for _ in range(3)  # noqa: B023
+            tuning.search(lambda s: flight.cost(tuning.decode(s)), random).cost  # noqa: B023
+            for _ in range(3)
         )
         ratios.append(flight.cost(tuning.PAPER_GAINS) / least)
     return np.array(ratios)

@@ -58,6 +58,7 @@ class Section:
 
 
 _SECTIONS: tuple[Section, ...] = (
+    Section("real", "Real flights", "sections.real", 8),
     Section("bound", "The papers' common scenarios and the Cramer-Rao bound", "bound_section", 200),
     Section("flights", "Simulated and recorded flights", "flights", 24),
     Section("faults", "Sensor faults", "faults", 2),

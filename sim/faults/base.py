@@ -12,7 +12,7 @@ from pydantic import Field
 
 from companion.config import Settings
 from companion.mavlink.codec import mavlink
-from companion.samples import Fault as Sensor
+from companion.samples import FaultySensor
 from companion.samples import Packet
 from sim.faults.editing import Editor
 
@@ -145,10 +145,10 @@ class Fault(Settings):
     """whether the sensor itself says how unwell it is, so that nobody need accuse it"""
 
     @property
-    def harms(self) -> Sensor:
+    def harms(self) -> FaultySensor:
         """Whose readings are wrong, in the words of an estimator's field ``faulty``; NONE where no
         sensor is."""
-        return Sensor.NONE
+        return FaultySensor.NONE
 
     def effect(self, dice: Dice) -> Effect:
         """The fault at work on one stream."""

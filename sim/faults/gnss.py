@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from companion.samples import Fault as Sensor
+from companion.samples import FaultySensor
 from companion.samples import Packet
 from sim.faults.base import Dice, Edit, Effect, Fault, Metres, Moment
 from sim.faults.editing import Editor
@@ -55,8 +55,8 @@ class ReceiverFault(Fault):
     """The parameters of faults of the receiver."""
 
     @property
-    def harms(self) -> Sensor:
-        return Sensor.GNSS
+    def harms(self) -> FaultySensor:
+        return FaultySensor.GNSS
 
 
 class Outage(ReceiverFault):

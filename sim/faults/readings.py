@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from companion.samples import Fault as Sensor
+from companion.samples import FaultySensor
 from companion.samples import Packet
 from sim.faults.base import Dice, Effect, Fault, Moment
 from sim.faults.editing import Editor
@@ -21,8 +21,8 @@ class Freeze(Fault):
     """whose readings"""
 
     @property
-    def harms(self) -> Sensor:
-        return Sensor[self.sensor.upper()]
+    def harms(self) -> FaultySensor:
+        return FaultySensor[self.sensor.upper()]
 
     def effect(self, dice: Dice) -> Effect:
         return _Freeze(SENSORS[self.sensor])
@@ -55,8 +55,8 @@ class Lag(Fault):
     """how old the readings are"""
 
     @property
-    def harms(self) -> Sensor:
-        return Sensor[self.sensor.upper()]
+    def harms(self) -> FaultySensor:
+        return FaultySensor[self.sensor.upper()]
 
     def effect(self, dice: Dice) -> Effect:
         return _Lag(SENSORS[self.sensor], round(self.lag_s * 1e6))

@@ -13,7 +13,7 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 from pydantic import Field
 
 from companion.mavlink.codec import mavlink
-from companion.samples import Fault as Sensor
+from companion.samples import FaultySensor
 from companion.samples import Packet
 from sim.aircraft import G0_MPS2
 from sim.faults.base import Dice, Edit, Effect, Fault, Moment, Probability
@@ -95,16 +95,16 @@ SENSORS: Mapping[str, Mapping[int, tuple[str, ...]]] = {
 
 
 _OWNERS = {
-    "pressure": Sensor.BAROMETER,
-    "gnss": Sensor.GNSS,
-    "accel": Sensor.IMU,
-    "gyro": Sensor.IMU,
+    "pressure": FaultySensor.BAROMETER,
+    "gnss": FaultySensor.GNSS,
+    "accel": FaultySensor.IMU,
+    "gyro": FaultySensor.IMU,
 }
 
 
-def _owner(quantity: str) -> Sensor:
+def _owner(quantity: str) -> FaultySensor:
     """The sensor of an altitude that measures it; the die's temperature is nobody's measurement."""
-    return _OWNERS.get(quantity.split("_", maxsplit=1)[0], Sensor.NONE)
+    return _OWNERS.get(quantity.split("_", maxsplit=1)[0], FaultySensor.NONE)
 
 
 def _holds(message: Editor, name: str) -> bool:
@@ -129,7 +129,7 @@ class ValueFault(Fault):
         return QUANTITIES[self.quantity]
 
     @property
-    def harms(self) -> Sensor:
+    def harms(self) -> FaultySensor:
         return _owner(self.quantity)
 
 
@@ -240,7 +240,7 @@ class SwappedUnits(Fault):
     or m/s2 for mG"""
 
     @property
-    def harms(self) -> Sensor:
+    def harms(self) -> FaultySensor:
         return _owner(SWAPS[self.swap][0][0])
 
     def effect(self, dice: Dice) -> Effect:
@@ -263,8 +263,8 @@ class BlockedStaticPort(Fault):
     """time constant of the leak; without it, the port is sealed"""
 
     @property
-    def harms(self) -> Sensor:
-        return Sensor.BAROMETER
+    def harms(self) -> FaultySensor:
+        return FaultySensor.BAROMETER
 
     def effect(self, dice: Dice) -> Effect:
         return _BlockedPort(self.leak_s)

@@ -7,7 +7,7 @@ import pytest
 
 from companion.evaluation.compare import Series
 from companion.evaluation.detection import Accused
-from companion.samples import Fault as Sensor
+from companion.samples import FaultySensor
 from sim import BOOT_UNIX_US
 from sim.faults import FAULTS, parse_fault
 from sim.studies.fault_windows import attribution, episodes
@@ -16,24 +16,24 @@ from sim.studies.fault_windows import attribution, episodes
 @pytest.mark.parametrize(
     ("text", "sensor", "announced"),
     [
-        ("step:size=300", Sensor.BAROMETER, False),
-        ("step:size=20,quantity=gnss_height", Sensor.GNSS, False),
-        ("ramp:rate=1,quantity=accel_z", Sensor.IMU, False),
-        ("noise:sd=1,quantity=gyro_x", Sensor.IMU, False),
-        ("spike:size=5,quantity=die_temperature", Sensor.NONE, False),
-        ("freeze:sensor=gnss", Sensor.GNSS, False),
-        ("lag", Sensor.BAROMETER, False),
-        ("swing:size=3,quantity=gnss_height", Sensor.GNSS, False),
-        ("two_dimensional", Sensor.GNSS, True),
-        ("swapped_units:swap=feet", Sensor.GNSS, False),
-        ("swapped_units:swap=half_pressure", Sensor.BAROMETER, False),
-        ("blocked_static_port", Sensor.BAROMETER, False),
-        ("spoofing", Sensor.GNSS, False),
-        ("outage", Sensor.GNSS, True),
-        ("jamming", Sensor.GNSS, True),
-        ("slide", Sensor.GNSS, True),
-        ("drop", Sensor.NONE, False),
-        ("reboot", Sensor.NONE, False),
+        ("step:size=300", FaultySensor.BAROMETER, False),
+        ("step:size=20,quantity=gnss_height", FaultySensor.GNSS, False),
+        ("ramp:rate=1,quantity=accel_z", FaultySensor.IMU, False),
+        ("noise:sd=1,quantity=gyro_x", FaultySensor.IMU, False),
+        ("spike:size=5,quantity=die_temperature", FaultySensor.NONE, False),
+        ("freeze:sensor=gnss", FaultySensor.GNSS, False),
+        ("lag", FaultySensor.BAROMETER, False),
+        ("swing:size=3,quantity=gnss_height", FaultySensor.GNSS, False),
+        ("two_dimensional", FaultySensor.GNSS, True),
+        ("swapped_units:swap=feet", FaultySensor.GNSS, False),
+        ("swapped_units:swap=half_pressure", FaultySensor.BAROMETER, False),
+        ("blocked_static_port", FaultySensor.BAROMETER, False),
+        ("spoofing", FaultySensor.GNSS, False),
+        ("outage", FaultySensor.GNSS, True),
+        ("jamming", FaultySensor.GNSS, True),
+        ("slide", FaultySensor.GNSS, True),
+        ("drop", FaultySensor.NONE, False),
+        ("reboot", FaultySensor.NONE, False),
     ],
 )
 def test_whom_a_fault_harms(text: str, sensor: Sensor, announced: bool) -> None:
@@ -71,10 +71,10 @@ def test_the_attribution_of_a_flight_is_over_what_is_silent() -> None:
     ]
     seconds = np.arange(100.0)
     faulty = np.zeros(100, np.int64)
-    faulty[22:40] = Sensor.BAROMETER
-    faulty[40:50] = Sensor.GNSS
-    faulty[65:70] = Sensor.GNSS  # without a fix: no news, and not false
-    faulty[90:95] = Sensor.IMU
+    faulty[22:40] = FaultySensor.BAROMETER
+    faulty[40:50] = FaultySensor.GNSS
+    faulty[65:70] = FaultySensor.GNSS  # without a fix: no news, and not false
+    faulty[90:95] = FaultySensor.IMU
     unknown = np.full(100, math.nan)
     accused = Accused(BOOT_UNIX_US + seconds * 1e6, faulty, np.zeros(100))
     found = attribution(

@@ -15,7 +15,7 @@ Accusations = NDArray[np.int64]
 """field ``faulty`` of the estimates: `companion.samples.FaultySensor` as numbers, shape (n,)"""
 
 
-class Accused(NamedTuple):
+class Attribution(NamedTuple):
     """What an estimator said of its sensors over a log, shape (n,) each, on the clock by which the
     log arrived."""
 

@@ -23,7 +23,7 @@ from companion.pipeline import Pipeline
 from companion.samples import FaultySensor, Kind, Packet, Rows, Verdict
 from companion.settings import CompanionSettings
 from sim.faults import Fault as PacketFault
-from sim.faults import Stream
+from sim.faults import FaultChain
 from sim.faults.readings import Freeze
 from sim.faults.values import Ramp, Step
 
@@ -238,7 +238,7 @@ def _try(
     branch = watch.pipeline = pipeline.branch(watch)
     if not packets:
         raise ValueError("no packets after the onset")
-    stream = Stream([case.make((onset_us - packets[0].time_us) * 1e-6, case.lasts_s)], seed=1)
+    stream = FaultChain([case.make((onset_us - packets[0].time_us) * 1e-6, case.lasts_s)], seed=1)
     clock_us = float("nan")
     for packet in packets:
         if np.isnan(clock_us) and packet.time_us >= onset_us:

@@ -294,7 +294,8 @@ def test_gnss_that_slides_does_not_come_back_while_it_moves(rate_mps: float) -> 
     named = (elapsed_s > 120.0) & (estimates["faulty"] == FaultySensor.GNSS)
     assert elapsed_s[named][0] - 120.0 <= 20.0
     assert (
-        estimates["faulty"][(elapsed_s > elapsed_s[named][0]) & (elapsed_s < 199.0)] == FaultySensor.GNSS
+        estimates["faulty"][(elapsed_s > elapsed_s[named][0]) & (elapsed_s < 199.0)]
+        == FaultySensor.GNSS
     ).all()
     assert np.abs(error[elapsed_s > 60.0]).max() < 20.0
 
@@ -356,7 +357,9 @@ def test_nothing_but_the_imu_is_believed_for_ten_seconds_at_most() -> None:
     assert estimates["altitude_sd_m"][elapsed_s > 60.0].max() < 100.0
     silent_s = np.diff(elapsed_s[elapsed_s > 60.0]).max()
     assert 0.15 < silent_s < 1.0, "nothing is said from giving up until the next fix"
-    assert set(estimates["faulty"][elapsed_s > 95.0]) == {FaultySensor.BAROMETER}, "which stays frozen"
+    assert set(estimates["faulty"][elapsed_s > 95.0]) == {FaultySensor.BAROMETER}, (
+        "which stays frozen"
+    )
 
 
 def test_height_above_takeoff_outlives_a_height_that_was_given_up() -> None:

@@ -15,7 +15,7 @@ SINCE_US: Array = np.full(100, 38e6)
 
 
 def accusing(*spans: tuple[int, int, FaultySensor]) -> NDArray[np.int64]:
-    """Who is accused in each second: (from, until, whom)."""
+    """The faulty sensor of each second: (from, until, sensor)."""
     faulty = np.zeros(100, np.int64)
     for begin, end, sensor in spans:
         faulty[begin:end] = sensor
@@ -23,7 +23,9 @@ def accusing(*spans: tuple[int, int, FaultySensor]) -> NDArray[np.int64]:
 
 
 def judged(
-    *spans: tuple[int, int, FaultySensor], end_s: float = 60.0, sensor: FaultySensor = FaultySensor.GNSS
+    *spans: tuple[int, int, FaultySensor],
+    end_s: float = 60.0,
+    sensor: FaultySensor = FaultySensor.GNSS,
 ) -> Detection:
     return detection(TIMES_US, accusing(*spans), SINCE_US, 40e6, end_s * 1e6, sensor)
 
@@ -62,14 +64,19 @@ def test_a_fault_to_the_end_is_never_cleared() -> None:
 
 
 def test_nothing_estimated_is_unknown() -> None:
-    found = detection(np.zeros(0), np.zeros(0, np.int64), np.zeros(0), 0.0, math.inf, FaultySensor.GNSS)
+    found = detection(
+        np.zeros(0), np.zeros(0, np.int64), np.zeros(0), 0.0, math.inf, FaultySensor.GNSS
+    )
     assert not found.detected
     assert math.isnan(found.named_share)
 
 
 def test_false_alarms_begin_where_nothing_is_wrong() -> None:
     faulty = accusing(
-        (10, 12, FaultySensor.GNSS), (12, 14, FaultySensor.IMU), (45, 70, FaultySensor.GNSS), (80, 90, FaultySensor.BAROMETER)
+        (10, 12, FaultySensor.GNSS),
+        (12, 14, FaultySensor.IMU),
+        (45, 70, FaultySensor.GNSS),
+        (80, 90, FaultySensor.BAROMETER),
     )
     assert false_alarms(TIMES_US, faulty) == 4
     assert false_alarms(TIMES_US, faulty, [(40e6, 60e6)]) == 3

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from companion.evaluation.compare import Series
-from companion.evaluation.detection import Accused
+from companion.evaluation.detection import Attribution
 from companion.samples import FaultySensor
 from sim import BOOT_UNIX_US
 from sim.faults import FAULTS, parse_fault
-from sim.studies.fault_windows import attribution, episodes
+from sim.studies.fault_windows import attribution, fault_windows
 
 
 @pytest.mark.parametrize(
@@ -36,9 +36,9 @@ from sim.studies.fault_windows import attribution, episodes
         ("reboot", FaultySensor.NONE, False),
     ],
 )
-def test_whom_a_fault_harms(text: str, sensor: Sensor, announced: bool) -> None:
+def test_the_faulty_sensor_of_a_fault(text: str, sensor: FaultySensor, announced: bool) -> None:
     fault = parse_fault(text)
-    assert (fault.harms, fault.announced) == (sensor, announced)
+    assert (fault.faulty_sensor, fault.announced) == (sensor, announced)
 
 
 def test_every_fault_of_a_sensor_has_an_owner() -> None:
@@ -50,18 +50,20 @@ def test_every_fault_of_a_sensor_has_an_owner() -> None:
         "ramp": ":rate=1",
         "noise": ":sd=1",
     }
-    harmless = {name for name in FAULTS if not parse_fault(name + needs.get(name, "")).harms}
+    harmless = {
+        name for name in FAULTS if not parse_fault(name + needs.get(name, "")).faulty_sensor
+    }
     assert harmless == of_the_way_or_clock
 
 
-def test_episodes_are_those_of_sensors_within_the_flight() -> None:
+def test_fault_windows_are_those_of_sensors_within_the_flight() -> None:
     faults = [
         parse_fault(text)
         for text in ("drop", "spoofing:start_s=20,duration_s=30", "freeze:start_s=500")
     ]
-    (found,) = episodes(faults, 100.0)
+    (found,) = fault_windows(faults, 100.0)
     assert (found.onset_us, found.end_us) == (BOOT_UNIX_US + 20e6, BOOT_UNIX_US + 50e6)
-    assert episodes([parse_fault("freeze:start_s=50")], 100.0)[0].end_us == math.inf
+    assert fault_windows([parse_fault("freeze:start_s=50")], 100.0)[0].end_us == math.inf
 
 
 def test_the_attribution_of_a_flight_is_over_what_is_silent() -> None:
@@ -76,15 +78,16 @@ def test_the_attribution_of_a_flight_is_over_what_is_silent() -> None:
     faulty[65:70] = FaultySensor.GNSS  # without a fix: no news, and not false
     faulty[90:95] = FaultySensor.IMU
     unknown = np.full(100, math.nan)
-    accused = Accused(BOOT_UNIX_US + seconds * 1e6, faulty, np.zeros(100))
+    attributed = Attribution(BOOT_UNIX_US + seconds * 1e6, faulty, np.zeros(100))
     found = attribution(
-        episodes(faults, 100.0), Series("x", seconds, unknown, unknown, unknown, accused=accused)
+        fault_windows(faults, 100.0),
+        Series("x", seconds, unknown, unknown, unknown, attribution=attributed),
     )
     assert (found["faults"], found["detected"], found["false_alarms"]) == (1, 1, 1)
     assert found["detection_s"] == pytest.approx(20.0)
     assert found["wrong_share"] == pytest.approx(18 / 30)
 
 
-def test_a_source_that_accuses_nobody_is_not_judged() -> None:
+def test_a_source_without_attribution_is_not_judged() -> None:
     empty = np.zeros(0)
     assert set(attribution([], Series("raw GNSS", empty, empty, empty, empty)).values()) == {None}

@@ -90,7 +90,7 @@ def fly(
         if vehicle is not None and k % 10 == 0:
             roll, pitch = vehicle(t)
             att.attitude_vehicle(
-                state, sample(Kind.ATTITUDE, time_us, roll_rad=roll, pitch_rad=pitch)
+                attitude, sample(Kind.ATTITUDE, time_us, roll_rad=roll, pitch_rad=pitch)
             )
         out.append(
             (

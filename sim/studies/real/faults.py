@@ -18,7 +18,7 @@ from companion.evaluation.metrics import Array, truth_at
 from companion.evaluation.published import Published, published
 from companion.health import Health
 from companion.kernels.atmosphere import baro_altitude_array
-from companion.samples import DTYPES, Fault, Kind, Rows, SampleLog, rows
+from companion.samples import DTYPES, FaultySensor, Kind, Rows, SampleLog, rows
 from companion.settings import CompanionSettings
 from sim.studies.goals.sensor_level import pressure_pa
 from sim.studies.real import source_of
@@ -114,13 +114,13 @@ class Case:
 
     name: str
     lasts_s: float
-    sensor: Fault
+    sensor: FaultySensor
     change: Change
     moving: bool = False
     """only where the aircraft climbs or descends"""
 
 
-GNSS, BARO, NONE = Fault.GNSS, Fault.BAROMETER, Fault.NONE
+GNSS, BARO, NONE = FaultySensor.GNSS, FaultySensor.BAROMETER, FaultySensor.NONE
 CASES = (
     *(Case(f"GNSS {size:+g} m", 60.0, GNSS, gnss_height(size)) for size in (30.0, -30.0, 100.0)),
     Case("GNSS +100 m, claims 1 mm", 60.0, GNSS, gnss_height(100.0, 0.0, 0.001)),

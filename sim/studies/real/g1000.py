@@ -91,7 +91,7 @@ class G1000(Recording):
     def _imu(self, at: Array, elapsed_s: Array, plan: Plan, noise: "_Noise", every: int) -> Rows:
         chosen = slice(None, None, every)
         time_s, s = at[chosen], self._splines
-        down = s["h"](time_s - plan.lag_s, 2) - G0_MPS2
+        down = -s["h"](time_s - plan.lag_s, 2) - G0_MPS2
         force_n = np.stack([s["n"](time_s, 2), s["e"](time_s, 2), down], axis=1)
         angles, rates = (
             [s[name](time_s, order) for name in ("roll", "pitch", "yaw")] for order in (0, 1)
@@ -174,7 +174,6 @@ class _Noise:
         self.accel: Array = accel_bias + ACCEL_SD_MPS2 * imu[:, :3]
         self.gyro: Array = gyro_bias + GYRO_SD_RADPS * imu[:, 3:]
         self.pressure: Array = drawn[(first + 6 * has_imu)[has_pressure == 1]]
-
 
 
 def _read(path: Path) -> tuple[Array, dict[str, Array]]:

@@ -85,7 +85,12 @@ def cells(paths: Sequence[Path], traces: Sequence[Trace], seeds: int) -> Iterato
                 combinations if seeds >= ALL_COMBINATIONS else chosen
             ):
                 trace = traces[(seed - 1) % len(traces)] if is_recorded else None
-                yield Cell(path, Plan(imu_hz, attitude, lag_s, seed), trace, others=seed == 1 and imu_hz in COMPARED_HZ)
+                yield Cell(
+                    path,
+                    Plan(imu_hz, attitude, lag_s, seed),
+                    trace,
+                    others=seed == 1 and imu_hz in COMPARED_HZ,
+                )
 
 
 @cache

@@ -341,7 +341,9 @@ def _cells(rows: Sequence[Row]) -> list[Value]:
 
 
 def _fault_part(page: SectionPage, rows: Sequence[Row]) -> None:
-    page.text("## Faults injected into real flights\n\n" + _FAULTS.format(onsets=_onsets(page.context)))
+    page.text(
+        "## Faults injected into real flights\n\n" + _FAULTS.format(onsets=_onsets(page.context))
+    )
     lines: list[list[Value]] = []
     for (case, imu_hz), each in group(rows, "case", "imu_hz").items():
         lines.append(
@@ -379,12 +381,13 @@ def _failures(page: SectionPage, done: Sequence[Done[Any]]) -> None:
 
 
 _ABOUT = """Flights: {flights}. What is real in each is said by its loader (`sim/studies/real`). A cell is one flight
-with one IMU rate, with or without the autopilot's attitude, with 0 or 1 s of the recorded barometer's lag taken out,
-and one error of a cheap receiver laid on: `Gauss-Markov` is 4 m over 250 s and .15 m white; `recorded` is what a
-receiver that stood still did, with the accuracy that it reported. Errors count after the first minute. Raw GNSS is the same
-receiver. "Sent" is what `companion.evaluation.published` says of ALTITUDE: the pipeline's own health and output rules
-over the estimator's output. "OK wrong" is the longest time for which health was OK with an error beyond 4 claimed
-standard deviations. Flights under half an hour are left out of the ratios."""
+with one IMU rate, with or without the autopilot's attitude, with 0 or 1 s of the recorded barometer's lag taken
+out, and one error of a cheap receiver laid on: `Gauss-Markov` is 4 m over 250 s and .15 m white; `recorded`
+is what a receiver that stood still did, with the accuracy that it reported. Errors count after the first
+minute. Raw GNSS is the same receiver. "Sent" is what `companion.evaluation.published` says of ALTITUDE: the
+pipeline's own health and output rules over the estimator's output. "OK wrong" is the longest time for which
+health was OK with an error beyond 4 claimed standard deviations. Flights under half an hour are left out of
+the ratios."""
 
 _FAULTS = """{onsets} onsets a flight, evenly spread, at IMU rates of 0, 2 and 50 Hz, Gauss-Markov error, barometer as
 recorded. `named` counts from the onset; `back` from the end of the fault until the estimate stays within 5 m of that

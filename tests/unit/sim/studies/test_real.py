@@ -30,7 +30,7 @@ def both(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, SampleLog, Sam
     folder = tmp_path_factory.mktemp("real")
     rows = (TRUTH / "g1000_KCKN.csv").read_text(errors="replace").splitlines(keepends=True)
     csv, tlog = folder / "short.csv", folder / "short.tlog"
-    csv.write_text("".join(rows[:900]))
+    csv.write_text("".join(rows[:400]))
     command = [sys.executable, str(TRUTH / "make_flights.py"), str(csv), str(tlog)]
     subprocess.run([*command, "--imu", "10", "--seed", "3", "--lag", "0"], check=True)
     source = source_of(csv)

@@ -79,7 +79,7 @@ def packages_of(path: Path) -> set[str]:
     [
         ("numba", "companion/jit.py"),
         ("llvmlite", "companion/jit.py"),
-        ("jsbsim", "sim/aircraft.py"),
+        ("jsbsim", "sim/airframes.py"),
     ],
 )
 def test_a_heavy_package_has_one_user(package: str, user: str) -> None:

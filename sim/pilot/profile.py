@@ -9,7 +9,7 @@ from pydantic import Field
 
 from companion.config import Settings
 from companion.errors import SimulationError
-from sim.aircraft import Truth
+from sim.aircraft_state import Truth
 from sim.pilot.approach import Approach, LandingSite
 from sim.pilot.autopilot import Mode, Target
 from sim.pilot.gains import Gains

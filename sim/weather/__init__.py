@@ -16,7 +16,8 @@ from typing import Annotated, NamedTuple
 from pydantic import Field, model_validator
 
 from companion.config import Settings
-from sim.aircraft import Aircraft, Truth
+from sim.aircraft import Aircraft
+from sim.aircraft_state import Truth
 from sim.weather.column import Column, pressure_altitude_m, standard_k
 from sim.weather.fields import (
     Change,

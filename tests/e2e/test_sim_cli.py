@@ -79,7 +79,11 @@ def test_the_documented_scenario_flies_twice_to_the_same_bytes(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("arguments", "code", "complaint"),
     [
-        (["fly", "short-hop"], 2, "nowhere to fly to: give a --link URL, a --tlog FILE, or both"),
+        (
+            ["fly", "short-hop"],
+            2,
+            "nothing receives the flight: give a --link URL, a --tlog FILE, or both",
+        ),
         (
             ["fly", "short-hop", "--tlog", "x.tlog", "--speed", "fast"],
             2,

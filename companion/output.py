@@ -127,5 +127,6 @@ def set_up_logging(level: int, *, as_json: bool = False) -> None:
             logging.Formatter("%(asctime)s %(name)s: %(message)s", datefmt="%H:%M:%S")
         )
     root = logging.getLogger()
-    root.handlers[:] = [handler]
+    root.handlers = [each for each in root.handlers if not isinstance(each, LogHandler)]
+    root.addHandler(handler)
     root.setLevel(level)

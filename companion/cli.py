@@ -9,7 +9,7 @@ import logging
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -25,7 +25,6 @@ from companion.common_cli import (
 )
 from companion.errors import ConfigError, KollsmanError, LogFormatError
 from companion.output import (
-    Output,
     discard_standard_output,
     open_standard_descriptors,
     set_up_logging,
@@ -388,6 +387,12 @@ def _print_report(report: dict[str, Any]) -> None:
         console.print(table)
 
 
+def _tell(problem: str) -> None:
+    """One line on stderr, where there is one."""
+    with suppress(OSError, ValueError):
+        print(f"kollsman: {problem}", file=sys.stderr, flush=True)
+
+
 def main() -> None:
     """Entry point: an error that the user can act on is one line on stderr and exit code 1; wrong
     usage is 2."""
@@ -398,7 +403,7 @@ def main() -> None:
         finally:
             sys.stdout.flush()
     except KollsmanError as error:
-        Output(2).line(f"kollsman: {error}")
+        _tell(str(error))
         sys.exit(1)
     except BrokenPipeError:  # the reader of our output, such as `head`, has gone
         discard_standard_output()
@@ -406,7 +411,7 @@ def main() -> None:
     except OSError as error:
         if error.errno not in OUTPUT_ERRORS:
             raise
-        Output(2).line(f"kollsman: the output cannot be written: {error.strerror}")
+        _tell(f"the output cannot be written: {error.strerror}")
         discard_standard_output()
         sys.exit(1)
 

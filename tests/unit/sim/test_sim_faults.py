@@ -656,10 +656,10 @@ def test_the_table_says_what_every_fault_does() -> None:
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("drp", "no fault 'drp'; did you mean `drop`?"),
-        ("nothing", "no fault 'nothing'; there are drop"),
+        ("drp", "'drp' is unknown; did you mean `drop`?"),
+        ("nothing", "'nothing' is unknown; give one of drop"),
         ("drop:60", "'60' is not a key=value"),
-        ("drop:start_s=1,start_s=2", "'start_s=2' is not a key=value that is new here"),
+        ("drop:start_s=1,start_s=2", "'start_s=2' is malformed or repeated; expected key=value"),
         ("drop:strt_s=3", "strt_s: unknown key; did you mean `start_s`?"),
         ("drop:probability=2", "probability: '2' is out of range"),
         ("drop:message=GPS", "message: 'GPS': is no message of the dialect"),

@@ -132,7 +132,7 @@ def test_corrupt_writes_the_same_bytes_every_time(short_hop: Path, tmp_path: Pat
         (["in.tlog", "in.tlog", "--fault", "drop"], 1, "in.tlog: is the log to be read"),
         (["none.tlog", "out.tlog", "--fault", "drop"], 1, "none.tlog: no such file"),
         (["in.tlog", "no/folder.tlog", "--fault", "drop"], 1, "the folder no does not exist"),
-        (["in.tlog", "out.tlog", "--fault", "drp"], 1, "no fault 'drp'; did you mean `drop`?"),
+        (["in.tlog", "out.tlog", "--fault", "drp"], 1, "'drp' is unknown; did you mean `drop`?"),
         (["text.tlog", "out.tlog", "--fault", "drop"], 1, "text.tlog: not a telemetry log"),
     ],
 )

@@ -5,7 +5,7 @@ reads the reports.
 """
 
 import warnings
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from pydantic import Field, field_validator
@@ -110,9 +110,8 @@ def _relative_humidity(temperature_k: float, dew_point_k: float) -> float:
     return min(1.0, there_pa / could_pa)
 
 
-def parse(lines: tuple[str, ...]) -> list[Report]:
-    """The reports, timed from the first. Raises SimulationError for what is no METAR, or out of
-    order."""
+def _read(line: str) -> Any:
+    """One report, with a time. Raises SimulationError for what is no METAR."""
     try:
         from metar.Metar import Metar as Parser
         from metar.Metar import ParserError
@@ -120,19 +119,26 @@ def parse(lines: tuple[str, ...]) -> list[Report]:
         raise SimulationError(
             "METARs need the package metar: pip install 'kollsman[sim]'"
         ) from error
+    try:
+        # The parser warns of groups that it does not know; the groups that count are read here.
+        with warnings.catch_warnings(action="ignore"):
+            # The month is not in a METAR; a fixed one keeps the clock of the host out.
+            report = Parser(line, month=1, year=2026, strict=False)
+    except (ParserError, ValueError) as error:
+        raise SimulationError(f"'{line}' is no METAR: {' '.join(str(error).split())}") from None
+    if report.time is None:
+        raise SimulationError(f"'{line}' is no METAR: give it a time such as 121020Z")
+    return report
+
+
+def parse(lines: tuple[str, ...]) -> list[Report]:
+    """The reports, timed from the first. Raises SimulationError for what is no METAR, or out of
+    order."""
     found: list[Report] = []
     first_s = day_s = 0.0
     last_day = 0
     for line in lines:
-        try:
-            # The parser warns of groups that it does not know; the groups that count are read here.
-            with warnings.catch_warnings(action="ignore"):
-                # The month is not in a METAR; a fixed one keeps the clock of the host out.
-                report = Parser(line, month=1, year=2026, strict=False)
-        except (ParserError, ValueError) as error:
-            raise SimulationError(f"'{line}' is no METAR: {' '.join(str(error).split())}") from None
-        if report.time is None:
-            raise SimulationError(f"'{line}' is no METAR: give it a time such as 121020Z")
+        report = _read(line)
         day = report.time.day
         if found:  # 31 is followed by 1, whatever the month
             day_s += _DAY_S * (day - last_day if day >= last_day else 1)

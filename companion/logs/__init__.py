@@ -10,7 +10,7 @@ from companion.logs.dataflash import BinReader, TextReader
 from companion.logs.raw import RawReader
 from companion.logs.tlog import TlogReader, TlogWriter
 from companion.logs.ulog import UlogReader
-from companion.mavlink.codec import Cause
+from companion.mavlink.codec import FrameReject
 from companion.recorded import Item
 
 __all__ = ["FORMATS", "Format", "LogReader", "LogWriter", "open_log"]
@@ -21,7 +21,7 @@ HEAD_BYTES = 1 << 14
 class LogReader(Protocol):
     """Items in file order; every iteration starts anew."""
 
-    counters: Counter[Cause]
+    counters: Counter[FrameReject]
     """what was left out in the current iteration, by cause"""
     size_bytes: int
     position_bytes: int

@@ -18,7 +18,7 @@ from companion.logs.ardupilot import Columns, tables_of
 from companion.logs.dataflash_scan import FMT, FMT_LENGTH, scan_messages
 from companion.logs.files import contents
 from companion.logs.tables import TableReader
-from companion.mavlink.codec import Cause
+from companion.mavlink.codec import FrameReject
 from companion.mavlink.record_scan import gather
 
 logger = logging.getLogger("kollsman.logs")
@@ -43,7 +43,9 @@ class BinReader(TableReader):
                 f"{path}: not a dataflash log (.bin), or badly damaged: {junk} of {data.size} bytes "
                 "belong to no message"
             )
-        super().__init__(tables_of(columns), data.size, Counter({Cause.JUNK: junk} if junk else {}))
+        super().__init__(
+            tables_of(columns), data.size, Counter({FrameReject.JUNK: junk} if junk else {})
+        )
 
 
 class TextReader(TableReader):
@@ -55,7 +57,7 @@ class TextReader(TableReader):
         columns, bad = read_text(data.decode("ascii", "replace"))
         if not columns:
             raise LogFormatError(f"{path}: not a dataflash log in text (.log): no FMT line fits")
-        counters = Counter({Cause.DECODE: bad} if bad else {})
+        counters = Counter({FrameReject.DECODE: bad} if bad else {})
         super().__init__(tables_of(columns), len(data), counters)
 
 

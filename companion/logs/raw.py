@@ -10,7 +10,7 @@ from pathlib import Path
 
 from companion.errors import LogFormatError
 from companion.logs.files import opened, read
-from companion.mavlink.codec import Cause, Decoder, Frame, mavlink
+from companion.mavlink.codec import Decoder, Frame, FrameReject, mavlink
 from companion.mavlink.columns import layout
 from companion.mavlink.framing import V1_HEADER, V2_HEADER
 from companion.samples import Packet
@@ -53,7 +53,7 @@ class RawReader:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        self.counters: Counter[Cause] = Counter()
+        self.counters: Counter[FrameReject] = Counter()
         self.position_bytes = self.frames = 0
         with opened(self.path) as file:
             head = read(file, self.path, PROBE_BYTES)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.mavlink.codec import Cause, Encoder, Frame, mavlink, scan
+from companion.mavlink.codec import Encoder, Frame, FrameReject, mavlink, scan
 from companion.mavlink.convert import Reading, TimeBase
 from companion.recorded import Height, Item, Sensed
 from companion.samples import Kind
@@ -125,7 +125,7 @@ class TableReader:
     ``counters`` tell what was left out, by cause; ``position_bytes`` how far the iteration is.
     """
 
-    def __init__(self, tables: Tables, size_bytes: int, counters: Counter[Cause]) -> None:
+    def __init__(self, tables: Tables, size_bytes: int, counters: Counter[FrameReject]) -> None:
         self.tables = _since_start(tables)
         self.counters = counters
         self.size_bytes = size_bytes

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from companion.errors import LogFormatError
 from companion.logs.files import contents
 from companion.logs.tables import Heights, Table, TableReader, Tables, changes, utc_offset_us
-from companion.mavlink.codec import Cause, mavlink
+from companion.mavlink.codec import FrameReject, mavlink
 from companion.mavlink.convert import ZERO_CELSIUS_K
 from companion.samples import MAX_INSTANCES, Kind
 
@@ -60,7 +60,7 @@ class UlogReader(TableReader):
         tables = _tables(log)
         if not tables.sensors:
             raise LogFormatError(f"{path}: a PX4 log without any sensor Kollsman reads")
-        super().__init__(tables, len(data), Counter({Cause.TRUNCATED: lost} if lost else {}))
+        super().__init__(tables, len(data), Counter({FrameReject.TRUNCATED: lost} if lost else {}))
 
 
 class _Topic:

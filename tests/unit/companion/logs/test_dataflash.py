@@ -10,7 +10,7 @@ from pymavlink import DFReader
 
 from companion.logs import open_log
 from companion.logs.dataflash import BinReader, TextReader, read_bin, read_text
-from companion.mavlink.codec import Cause
+from companion.mavlink.codec import FrameReject
 from companion.samples import Kind
 from tests import logfiles
 from tests.paths import DATA
@@ -79,7 +79,7 @@ def test_damage_costs_only_what_it_hits(tmp_path: Path) -> None:
     data[len(data) // 2 : len(data) // 2 + 400] = bytes(400)
     path.write_bytes(bytes(data))
     reader = BinReader(path)
-    assert 300 < reader.counters[Cause.JUNK] < 600
+    assert 300 < reader.counters[FrameReject.JUNK] < 600
     lost = sum(t.place.size for t in whole.sensors) - sum(
         t.place.size for t in reader.tables.sensors
     )

@@ -497,7 +497,7 @@ def test_metars_need_no_clock_of_the_host(monkeypatch: pytest.MonkeyPatch) -> No
         ({"metar": {"reports": []}}, "metar.reports"),
         (
             {"metar": {"reports": ["LSZH 311020Z 24012KT CAVOK 07/05"]}},
-            "no report tells the pressure",
+            "no report has a pressure",
         ),
         ({"metar": {"reports": [DAY[1], DAY[0]]}}, "is not later than the report before it"),
         ({"metar": {"reports": [DAY[0]]}, "wind": {"speed_mps": 3}}, "metar replaces"),

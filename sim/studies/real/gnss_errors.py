@@ -7,8 +7,10 @@ left out. To cover a longer flight a stretch is run to and fro, which keeps it c
 starts elsewhere in it and may change its sign.
 """
 
+import hashlib
+import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -17,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.errors import KollsmanError
-from companion.logs import open_log
-from companion.mavlink import convert
-from companion.mavlink.codec import Decoder, mavlink
+from companion.evaluation.samples import samples_of
+from companion.samples import Kind
+from sim.studies.runs import kept_parts
 
 Array = NDArray[np.float64]
 
@@ -29,11 +31,13 @@ SHORTEST_S = 120.0
 LEAST_SD_M = 0.05
 """a height that moves less is a simulator's"""
 STEP_S = 0.02
+VERSION = 1
+"""of what is kept of a log"""
 TIME_CONSTANT_S = 250.0
 WHITE_SD_M = 0.15
-GPS_RAW_INT = mavlink.MAVLINK_MSG_ID_GPS_RAW_INT
+LONGEST_STEP_S = 3.0
 FIX_3D = 3
-SIM_STATE = mavlink.MAVLINK_MSG_ID_SIM_STATE
+LOGS = (".tlog",)
 
 
 class Reported(NamedTuple):
@@ -110,53 +114,55 @@ class RecordedError(GnssError):
 
 def stationary(path: Path) -> list[RecordedError]:
     """The stretches of a recorded log over which its first receiver stood still; none of a log that
-    is a simulator's or cannot be read."""
-    try:
-        fixes = np.array(_fixes(path))
-    except (KollsmanError, OSError):
-        return []
-    if fixes.size == 0:
-        return []
+    is a simulator's or cannot be read.
+
+    They are kept in the user's cache by the contents of the file: reading a log takes seconds.
+    """
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
+    kept = kept_parts() / f"still-{VERSION}-{digest}.json"
+    if not kept.exists():
+        found = [stretch.tolist() for stretch in _still(_fixes(path))]
+        kept.write_text(json.dumps(found), encoding="utf-8")
+    stretches = json.loads(kept.read_text(encoding="utf-8"))
+    return [
+        RecordedError(path, number, *np.array(each, np.float64).T)
+        for number, each in enumerate(stretches)
+    ]
+
+
+def _still(fixes: Array) -> Iterator[Array]:
+    """Columns time from 0, height error, v_acc, vdop, hdop of every stretch at rest."""
+    if fixes.shape[0] == 0:
+        return
     still = (fixes[:, 2] < STILL_MPS) & np.isfinite(fixes[:, 1])
-    breaks = np.concatenate([[True], np.abs(np.diff(fixes[:, 0]) - 1.0) > 2.0])
+    steps_s = np.diff(fixes[:, 0])
+    breaks = np.concatenate([[True], (steps_s <= 0.0) | (steps_s > LONGEST_STEP_S)])
     ends = np.flatnonzero(np.diff(np.concatenate([[0], (still & ~breaks).astype(int), [0]])))
-    found: list[RecordedError] = []
     for start, stop in zip(ends[::2], ends[1::2], strict=True):
         time_s, height_m = fixes[start:stop, 0] - fixes[start, 0], fixes[start:stop, 1]
         if time_s[-1] >= SHORTEST_S and np.std(height_m) > LEAST_SD_M:
-            v_acc, vdop, hdop = (fixes[start:stop, k] for k in (3, 4, 5))
             error_m = height_m - np.mean(height_m)
-            found.append(RecordedError(path, len(found), time_s, error_m, v_acc, vdop, hdop))
-    return found
+            yield np.column_stack([time_s, error_m, fixes[start:stop, 3:6]])
 
 
-def _fixes(path: Path) -> list[tuple[float, ...]]:
-    """(time_s, altitude, speed, v_acc, vdop, hdop) of every 3D fix of the first receiver; empty when
-    the log has a simulator's truth."""
-    decoder, system = Decoder(datagrams=True), None
-    found: list[tuple[float, ...]] = []
-    for packet in open_log(path):
-        for frame in decoder.feed(packet.data):
-            if frame.message_id == SIM_STATE:
-                return []
-            if frame.message_id != GPS_RAW_INT or system not in (None, frame.system_id):
-                continue
-            message = decoder.decode(frame)
-            if message is None or message.fix_type < FIX_3D:
-                continue
-            system = frame.system_id
-            reading = convert.gps_raw(message, 0)[0]
-            _, _, altitude, _, speed, _, _, _, v_acc, hdop, vdop, *_ = reading.values
-            time_s = reading.stamp_us * 1e-6
-            if not found or time_s > found[-1][0]:
-                found.append((time_s, altitude, speed, v_acc, vdop, hdop))
-            elif time_s < found[-1][0] - 1.0:  # another boot: what follows is another log
-                break
-    return found
+def _fixes(path: Path) -> Array:
+    """Columns time_s, altitude, speed, v_acc, vdop, hdop of every 3D fix of the first receiver; no
+    rows when the log has a simulator's truth or cannot be read."""
+    try:
+        log = samples_of(path)
+    except (KollsmanError, OSError):
+        return np.zeros((0, 6))
+    gnss = log[Kind.GNSS]
+    if log.truth.size or not gnss.size:
+        return np.zeros((0, 6))
+    fixed = (np.asarray(gnss["instance"]) == 0) & (np.asarray(gnss["fix_type"]) >= FIX_3D)
+    names = ("altitude_amsl_m", "ground_speed_mps", "vertical_sd_m", "vdop", "hdop")
+    columns = [np.asarray(gnss[name], np.float64)[fixed] for name in names]
+    return np.stack([np.asarray(gnss["time_us"])[fixed] * 1e-6, *columns], axis=1)
 
 
 def recorded(folder: Path) -> list[RecordedError]:
     """Every stationary stretch below `folder`, longest first."""
-    paths: Sequence[Path] = sorted(folder.rglob("*.tlog"))
+    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in LOGS)
     stretches = [each for path in paths for each in stationary(path)]
     return sorted(stretches, key=lambda each: -float(each.time_s[-1]))

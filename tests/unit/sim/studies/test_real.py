@@ -80,8 +80,8 @@ class TestAgainstTheLog:
                 sent.append((message.time_usec, message.altitude_amsl))  # type: ignore[attr-defined]
 
         pipeline = Pipeline(CompanionSettings(), datagrams=True, observer=Tap())
-        for packet in open_log(tlog):
-            pipeline.feed(packet)
+        for time_us, frame in open_log(tlog).items(pipeline.wanted):
+            pipeline.feed_item(frame, time_us)
         times_us, heights_m = np.array(sent, np.float64).T
         for log in (logged, made):
             said = published(log, DEFAULT_ESTIMATOR, CompanionSettings())

@@ -2,6 +2,7 @@
 long a file is."""
 
 import ast
+import inspect
 import tokenize
 from functools import cache
 from io import BytesIO
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 from importlinter.cli import lint_imports
 
+from companion.estimators import ESTIMATORS
 from tests.paths import ROOT
 
 FILES = sorted(path for folder in ("companion", "sim") for path in (ROOT / folder).rglob("*.py"))
@@ -152,6 +154,22 @@ def test_whoever_compiles_says_so_in_the_line_that_the_cache_looks_for() -> None
     for path in FILES:
         if "companion.jit.step" in imports_of(tree_of(path)).values():
             assert COMPILES in path.read_text(encoding="utf-8"), name_of(path)
+
+
+@pytest.mark.parametrize("name", sorted(ESTIMATORS))
+def test_run_handles_exactly_the_kinds_of_its_method(name: str) -> None:
+    """The compiled loop compares `kind` with the constants of `judging`: one for each step."""
+    method = ESTIMATORS[name]
+    source = inspect.getsource(getattr(method.run, "py_func", method.run))
+    compared = {
+        node.comparators[0].id
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.Compare)
+        and isinstance(node.left, ast.Name)
+        and node.left.id == "kind"
+        and isinstance(node.comparators[0], ast.Name)
+    }
+    assert compared == {kind.name for kind in method.steps}
 
 
 def _steps(tree: ast.Module) -> list[ast.FunctionDef]:

@@ -11,8 +11,8 @@ from scipy import stats
 from scipy.linalg import solve_discrete_are
 
 from companion.estimators.air_data_gnss import METHOD
-from companion.estimators.air_data_gnss.error import scale_variance
-from companion.estimators.air_data_gnss.settings import LINEAR, AirDataGnssSettings
+from companion.estimators.air_data_gnss.error import LINEAR, scale_variance
+from companion.estimators.air_data_gnss.settings import AirDataGnssSettings
 from companion.estimators.method import Filter
 from companion.kernels.atmosphere import L0_KPM, T0_K, geopotential_m, standard_pressure_pa
 from companion.kernels.kalman import correct
@@ -167,8 +167,7 @@ def test_alpha_beta_filter_settles_at_the_riccati_equation(values: dict[str, Any
 
 def test_law_of_temperature_is_the_derivative_of_the_exact_one() -> None:
     """(6) corrected is T_0/T_0' - 1 to first order."""
-    from companion.estimators.air_data_gnss.error import scale_of_temperature
-    from companion.estimators.air_data_gnss.settings import EXACT
+    from companion.estimators.air_data_gnss.error import EXACT, scale_of_temperature
 
     for warmer_k in (-1e-3, 1e-3):
         air_k = T0_K + warmer_k + L0_KPM * 1600.0

@@ -7,13 +7,14 @@ import math
 
 import numpy as np
 
-from companion.estimators.air_data_gnss.settings import EXACT, PRINTED
 from companion.estimators.judging import GATED, USED
 from companion.jit import step
 from companion.kernels.atmosphere import L0_KPM
 from companion.kernels.kalman import Array, correct, inflated, spread
 from companion.samples import Record, Rows
 
+EXACT, LINEAR, PRINTED = 0, 1, 2
+"""Laws of lambda: exact, its linear part, as the paper prints it."""
 LOWEST_A = -0.5
 TROPOPAUSE_M = 11_000.0
 R_GAMMA_K2PM2 = 0.003**2

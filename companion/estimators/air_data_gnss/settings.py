@@ -6,11 +6,11 @@ from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
+from companion.estimators.air_data_gnss.error import EXACT, LINEAR, PRINTED
 from companion.estimators.params import EstimatorSettings
 from companion.kernels.atmosphere import L0_KPM, T0_K
 
 GNSS_GATE, BARO_GATE = 3.0, 5.0
-EXACT, LINEAR, PRINTED = 0, 1, 2
 LAWS = {"exact": EXACT, "linear": LINEAR, "printed": PRINTED}
 
 PAPER: dict[str, Any] = {

@@ -34,7 +34,6 @@ import math
 
 import numpy as np
 
-from companion.estimators.baro_inertial.settings import MOST_START_FIXES
 from companion.jit import step
 from companion.kernels.atmosphere import (
     L0_KPM,
@@ -61,6 +60,7 @@ BARO_TIMEOUT_US = 5_000_000
 IMU_TIMEOUT_US = 500_000
 REACH_US = 1_000_000
 RING_SIZE = 64
+MOST_START_FIXES = 64
 START_SD_M = 20.0
 """a fix with a larger spread does not count for the start: receivers slide by hundreds of metres
 while they say so"""

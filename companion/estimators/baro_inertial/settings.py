@@ -6,9 +6,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from companion.estimators.baro_inertial.inputs import MOST_START_FIXES
 from companion.estimators.params import EstimatorSettings
-
-MOST_START_FIXES = 64
 
 
 class InputSettings(EstimatorSettings):

@@ -29,6 +29,8 @@ Array = NDArray[Any]
 
 IBI, IIG = 0, 1
 """Integrated baro-inertial altimeter, integrated inertial-GPS altimeter."""
+IBIG, RECOMMENDED = 2, 3
+"""Both fused; whichever the fault isolation recommends."""
 STATES = 5
 R_0_M = 6_378_150.0
 G_MPS2 = 9.81

@@ -7,9 +7,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from companion.estimators.params import EstimatorSettings
-from companion.estimators.robust_altimeter.error_model import IBI, IIG
+from companion.estimators.robust_altimeter.error_model import IBI, IBIG, IIG, RECOMMENDED
 
-IBIG, RECOMMENDED = 2, 3
 PUBLISH = {"ibi": IBI, "iig": IIG, "ibig": IBIG, "recommended": RECOMMENDED}
 PAPER = {"sigma_a": 2e-5, "P_a": 1e-6, "reacquire_s": 120.0}
 TUNED = {"sigma_a": 0.037, "P_a": 0.01, "reacquire_s": 10.0}

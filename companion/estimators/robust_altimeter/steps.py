@@ -102,18 +102,14 @@ from companion.estimators.robust_altimeter.altimeters import (
     lost,
     switch,
 )
-from companion.estimators.robust_altimeter.error_model import IBI, IIG, share
+from companion.estimators.robust_altimeter.error_model import IBI, IBIG, IIG, RECOMMENDED, share
 from companion.estimators.robust_altimeter.isolation import (
     CORRELATED_SHARE,
     TRUST_IBI,
     TRUST_IIG,
     expected_apart_m,
 )
-from companion.estimators.robust_altimeter.settings import (
-    IBIG,
-    RECOMMENDED,
-    RobustAltimeterSettings,
-)
+from companion.estimators.robust_altimeter.settings import RobustAltimeterSettings
 from companion.jit import step
 from companion.kernels.atmosphere import baro_altitude_m
 from companion.kernels.attitude import (

@@ -60,6 +60,7 @@ class Pipeline:
     datagrams : whether every packet holds whole frames (UDP, logs).
     observer : sees every sample, truth and publication.
     listeners : what else wants messages of the vehicle, by message id (answers to our requests).
+    sends : False when nobody wants the frames to send: none are made, which saves half the time.
     """
 
     def __init__(
@@ -69,8 +70,10 @@ class Pipeline:
         datagrams: bool = False,
         observer: Observer | None = None,
         listeners: Mapping[int, Callable[[Message], None]] | None = None,
+        sends: bool = True,
     ) -> None:
         self.settings = settings
+        self._sends = sends
         self.decoder = Decoder(datagrams=datagrams)
         self.identity = Identity(settings.vehicle.system_id, settings.identity.component_id)
         self.intake = Intake(settings.intake)
@@ -94,6 +97,11 @@ class Pipeline:
             settings.air.qnh_hpa is not None or settings.air.temperature_c is not None
         )
         self._conflict: Callable[[Frame], None] | None = None
+
+    @property
+    def wanted(self) -> frozenset[int]:
+        """Ids of the messages that are decoded when the vehicle sends them."""
+        return frozenset(self._wanted)
 
     @property
     def now_us(self) -> int:
@@ -139,6 +147,10 @@ class Pipeline:
     def feed(self, packet: Packet) -> list[bytes]:
         """Take in a packet; the frames to send because of it."""
         return self._take(self.decoder.feed(packet.data), packet.time_us)
+
+    def feed_frame(self, frame: Frame, arrival_us: int) -> list[bytes]:
+        """Take in a frame that a log's reader has found; the frames to send because of it."""
+        return self._take([frame], arrival_us)
 
     def flush(self, arrival_us: int) -> list[bytes]:
         """The line fell silent: give up on a half-received frame."""
@@ -278,6 +290,10 @@ class Pipeline:
             self._tells_air = False
             known = self.settings.air
             self._sample(Kind.AIR, 0, self.intake.air(known.qnh_hpa, known.temperature_c, row))
+        return self._step(kind, instance, row)
+
+    def _step(self, kind: Kind, instance: int, row: Rows) -> list[bytes]:
+        """Give a sample to the estimator and its verdict to all who follow it."""
         self.checker.sample(kind, row)
         verdict = self.filter.step(kind, row)
         self.verdicts[kind][verdict] += 1
@@ -306,6 +322,8 @@ class Pipeline:
                 messages.append(altitude)
                 if self._observer is not None:
                     self._observer.published(altitude)
+        if not self._sends:
+            return []
         if changed:
             messages += self.outputs.status_text(health, self.health.reason)
         messages += self.outputs.debug(now_us, health, estimate, self.filter.state)
@@ -321,7 +339,7 @@ class Pipeline:
         return self.outputs.status_text(Health.LOST, reason)
 
     def _encode(self, messages: list[Message]) -> list[bytes]:
-        if self._encoder is None:
+        if self._encoder is None or not self._sends:
             return []
         frames = (self._encoder.encode(message, self.identity.version) for message in messages)
         return [frame for frame in frames if frame]

@@ -86,8 +86,8 @@ class Decoder:
         return self._cut(self._rest, final=True)
 
     def decode(self, frame: Frame) -> Message | None:
-        """`decode`, with a failure counted."""
-        message = decode(frame)
+        """`decode`, with a failure counted; a message that the frame carries is taken as it is."""
+        message = frame.message if frame.message is not None else decode(frame)
         if message is None:
             self.counters[Cause.DECODE] += 1
         return message

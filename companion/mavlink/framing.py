@@ -38,8 +38,8 @@ def _v1_lengths(kind: Any) -> range:
 
 
 mcrf4xx: Callable[..., int] = crc16.mcrf4xx
-_CRC_TABLE = [mcrf4xx(bytes([value]), 0) for value in range(256)]
-_CRC_STEPS = frozenset(_CRC_TABLE)
+CRC_TABLE = [mcrf4xx(bytes([value]), 0) for value in range(256)]
+_CRC_STEPS = frozenset(CRC_TABLE)
 CRC_EXTRA: dict[int, int] = {number: kind.crc_extra for number, kind in mavlink.mavlink_map.items()}
 V1_LENGTHS: dict[int, range] = {
     number: _v1_lengths(kind) for number, kind in mavlink.mavlink_map.items()
@@ -59,6 +59,8 @@ class Frame(NamedTuple):
     version: int
     """1 or 2"""
     signed: bool
+    message: Any = None
+    """the decoded message, where a log's reader has decoded it already"""
 
 
 class Cause(StrEnum):
@@ -134,7 +136,7 @@ def scan(buffer: bytes, offset: int = 0) -> Frame | Cause | None:
     extra = CRC_EXTRA.get(message_id)
     if extra is None:
         return Cause.UNKNOWN_ID
-    if _CRC_TABLE[(crc ^ extra) & 0xFF] != step or (
+    if CRC_TABLE[(crc ^ extra) & 0xFF] != step or (
         version == 1 and length not in V1_LENGTHS[message_id]
     ):
         return Cause.DIALECT

@@ -12,7 +12,7 @@ from typing import Protocol
 from companion.checker import Checker
 from companion.estimators import ESTIMATORS, Filter
 from companion.health import Health, HealthMonitor
-from companion.intake import Cause, Intake, restart_row
+from companion.intake import Intake, SampleReject, restart_row
 from companion.mavlink import convert
 from companion.mavlink.codec import Decoder, Encoder, Frame, Message, mavlink
 from companion.mavlink.identity import Identity, Origin
@@ -265,7 +265,7 @@ class Pipeline:
         if time_us is None:
             return sent
         if self._is_replaced(reading, message_id):
-            self.intake.counters[Cause.REPLACED] += 1
+            self.intake.counters[SampleReject.REPLACED] += 1
         elif reading.kind is Kind.IMU and not self._wants_imu:
             self.verdicts[Kind.IMU][Verdict.IGNORED] += 1
         else:

@@ -75,7 +75,7 @@ class Suspicion(IntEnum):
     that moved"""
 
 
-class Fault(IntEnum):
+class FaultySensor(IntEnum):
     """Which sensor is wrong, in an estimator that can tell (field ``faulty``)."""
 
     NONE = 0
@@ -165,7 +165,7 @@ ESTIMATE = np.dtype(
         ("qnh_sd_pa", "f8"),
         ("protection_level_m", "f8"),  # exceeded only at the configured integrity risk
         ("drift_probabilities", "f8", (3,)),  # of calm, fair, stormy weather
-        ("faulty", "i8"),  # a `Fault`
+        ("faulty", "i8"),  # a `FaultySensor`
         ("faulty_since_us", "i8"),
     ],
     align=True,

@@ -16,7 +16,7 @@ from companion.estimators import ESTIMATORS
 from companion.health import Health
 from companion.links import Link
 from companion.logs import LogWriter
-from companion.mavlink.codec import Cause, Frame, Message, mavlink
+from companion.mavlink.codec import Frame, FrameReject, Message, mavlink
 from companion.mavlink.identity import Origin, autopilot_name
 from companion.mavlink.streams import StreamRequester, wanted
 from companion.pipeline import Observer, Pipeline
@@ -185,7 +185,7 @@ class Service:
             check = "check cable, port, baud rate, and that the autopilot sends here"
             return f"nothing received on {link.url} in 5 s: {check}"
         if pipeline.decoder.frames == 0:
-            junk = pipeline.decoder.counters[Cause.JUNK]
+            junk = pipeline.decoder.counters[FrameReject.JUNK]
             check = "check the baud rate, and that the port is set to MAVLink 2"
             return f"{received} bytes on {link.url} but no MAVLink ({junk} junk): {check}"
         if pipeline.identity.vehicle is None:

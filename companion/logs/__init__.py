@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol, Self
 
 from companion.errors import LogFormatError
 from companion.logs.tlog import TlogReader, TlogWriter
-from companion.mavlink.codec import Cause, Frame
+from companion.mavlink.codec import Frame, FrameReject
 from companion.samples import Packet
 
 __all__ = ["FORMATS", "Format", "LogReader", "LogWriter", "open_log"]
@@ -16,7 +16,7 @@ __all__ = ["FORMATS", "Format", "LogReader", "LogWriter", "open_log"]
 class LogReader(Protocol):
     """Packets in file order; every iteration starts anew."""
 
-    counters: Counter[Cause]
+    counters: Counter[FrameReject]
     """what was left out in the current iteration, by cause"""
     size_bytes: int
     position_bytes: int

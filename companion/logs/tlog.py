@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.errors import LogFormatError
-from companion.mavlink.codec import MAX_FRAME_SIZE, Cause, Decoder, Frame, scan
+from companion.mavlink.codec import MAX_FRAME_SIZE, Decoder, Frame, FrameReject, scan
 from companion.mavlink.columns import messages, tables
 from companion.mavlink.framing import FOREIGN, extent, next_start
 from companion.mavlink.record_scan import INDEX, scan_records
@@ -80,7 +80,7 @@ class TlogReader:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        self.counters: Counter[Cause] = Counter()
+        self.counters: Counter[FrameReject] = Counter()
         self.size_bytes = 0
         self._restart()
         self._probe()
@@ -164,9 +164,9 @@ class TlogReader:
                     break
                 if count:
                     self._time_us = int(index["time_us"][count - 1])
-            frame = Cause.JUNK if self._lost else scan(buffer, offset + _STAMP.size)
+            frame = FrameReject.JUNK if self._lost else scan(buffer, offset + _STAMP.size)
             if isinstance(frame, Frame):
-                self.counters[Cause.TIMESTAMP] += 1
+                self.counters[FrameReject.TIMESTAMP] += 1
                 offset += _STAMP.size + len(frame.data)
             else:
                 offset = self._recover(buffer, offset, limit, frame)
@@ -174,14 +174,14 @@ class TlogReader:
             self._time_us = int(index["time_us"][count - 1])
         return count, offset
 
-    def _recover(self, buffer: bytes, offset: int, limit: int, cause: Cause | None) -> int:
+    def _recover(self, buffer: bytes, offset: int, limit: int, cause: FrameReject | None) -> int:
         """Where to go on when no good frame is where one was due; with `cause` None the file ends
         inside it."""
         end = offset + _STAMP.size + extent(buffer, offset + _STAMP.size)
         certain = cause in FOREIGN or end == len(buffer) or _record_time_us(buffer, end) is not None
         if (
             cause is not None
-            and cause is not Cause.JUNK
+            and cause is not FrameReject.JUNK
             and certain
             and _time_us(buffer, offset) is not None
         ):
@@ -190,10 +190,10 @@ class TlogReader:
         found = self._find(buffer, offset, limit)
         self._lost = found is None
         if found is None and cause is None:
-            self.counters[Cause.TRUNCATED] += 1
+            self.counters[FrameReject.TRUNCATED] += 1
             return len(buffer)
         end = limit if found is None else found
-        self.counters[Cause.JUNK] += end - offset
+        self.counters[FrameReject.JUNK] += end - offset
         return end
 
     def _find(self, buffer: bytes, offset: int, limit: int) -> int | None:
@@ -207,7 +207,7 @@ class TlogReader:
                 continue
             if self._is_believable(buffer, at - _STAMP.size, at + len(frame.data)):
                 return at - _STAMP.size
-            self.counters[Cause.TIMESTAMP] += 1
+            self.counters[FrameReject.TIMESTAMP] += 1
             at = next_start(buffer, at + len(frame.data))
         return None
 
@@ -322,7 +322,7 @@ def _read(file: BinaryIO, path: Path) -> bytes:
         raise LogFormatError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
-def _describe(head: bytes, counters: Counter[Cause]) -> str:
+def _describe(head: bytes, counters: Counter[FrameReject]) -> str:
     """What a file without a good record seems to be, and what to do."""
     if not head:
         return "the file is empty"
@@ -335,7 +335,7 @@ def _describe(head: bytes, counters: Counter[Cause]) -> str:
         two := b"".join(frame.data for frame in Decoder(datagrams=True).feed(head)[:2])
     ) and two in head:
         return "it holds MAVLink frames without times (a raw capture); record a .tlog instead"
-    if counters[Cause.TIMESTAMP]:
+    if counters[FrameReject.TIMESTAMP]:
         return "its frames have impossible times (after the year 3000)"
     if head.isascii() and b"\0" not in head:
         return "it looks like text"

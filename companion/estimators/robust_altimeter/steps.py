@@ -127,7 +127,7 @@ from companion.kernels.attitude import (
 )
 from companion.kernels.gnss import gnss_sd_m
 from companion.kernels.ring import at
-from companion.samples import Fault, Kind, Rows, Tables, readable, rows
+from companion.samples import FaultySensor, Kind, Rows, Tables, readable, rows
 
 LOWEST_PA, HIGHEST_PA = 1_000.0, 120_000.0
 IMU_TIMEOUT_US = 500_000
@@ -135,7 +135,7 @@ COLUMN_ERROR = 0.035
 """Of a height gained: the air's temperature is off by 10 K of 288."""
 
 IBIG, RECOMMENDED = 2, 3
-BAROMETER, RECEIVER = int(Fault.BAROMETER), int(Fault.GNSS)
+BAROMETER, RECEIVER = int(FaultySensor.BAROMETER), int(FaultySensor.GNSS)
 PUBLISH = {"ibi": IBI, "iig": IIG, "ibig": IBIG, "recommended": RECOMMENDED}
 
 STATE = state_dtype(

@@ -154,8 +154,10 @@ def test_a_ramp_of_either_sensor_is_silent_before_fifty_metres(
 ) -> None:
     """Whoever is followed: where nothing says whose fault it is, nothing is supported."""
     fault = ramp(100.0, sign * rate_mps)
-    faults: dict[str, Height] = {"gnss_fault": fault} if faulty == "g" else {"baro_fault": fault}
-    kept = published(play(seed, 100.0 + 200.0 / rate_mps, follow, **faults))
+    of_gnss, of_baro = (fault, nothing) if faulty == "g" else (nothing, fault)
+    kept = published(
+        play(seed, 100.0 + 200.0 / rate_mps, follow, gnss_fault=of_gnss, baro_fault=of_baro)
+    )
     assert max(abs(error_m) for _, error_m in kept) < 50.0
 
 

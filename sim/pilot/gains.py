@@ -6,38 +6,38 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Gains:
-    """An aircraft's speeds and loop gains. Angles in rad, surfaces -1..1, throttle 0..1, airspeeds
-    calibrated."""
+    """Speeds and loop gains of one aircraft. Angles in rad, surfaces -1..1, throttle 0..1, airspeeds
+    calibrated, m/s."""
 
     rotate_mps: float
     climb_mps: float
     """airspeed of the climb"""
     cruise_mps: float
     minimum_mps: float
-    """airspeed below which nothing but the nose goes down"""
+    """airspeed below which the autopilot pitches down to regain speed"""
     climb_out_pitch_rad: float
     climb_out_mps: float | None = None
-    """airspeed at which the pitch of the climb-out gives way to the speed; None is `climb_mps`"""
+    """airspeed at which the climb-out changes from fixed pitch to airspeed; None is `climb_mps`"""
     take_off_flaps: float = 0.0
     clean_mps: float = 42.0
-    """above it the flaps are in; an approach is joined at it"""
+    """airspeed at which an approach is joined, and above which the flaps are in"""
     approach_mps: float = 34.0
-    """over the threshold, with the flaps of a landing"""
+    """airspeed over the threshold, with landing flaps"""
     landing_flaps: float = 1.0
     flare_s: float = 4.0
     """time constant with which the height above the runway decays in the flare"""
     flare_gain: float = 3.0
-    """by which the path's gains are greater in the flare, which is over in seconds"""
+    """factor of the path's gains in the flare, which lasts seconds"""
     touchdown_mps: float = 0.4
-    """sink rate that the flare ends with"""
+    """sink rate at the end of the flare"""
     speedbrake: float = 0.0
-    """how far the throttle's range goes on below idle, as speed brakes"""
+    """range of the throttle below idle, which extends the speed brakes"""
     pitch_limits_rad: tuple[float, float] = (-0.21, 0.28)
     bank_limit_rad: float = 0.35
     roll_in_radps: float = math.inf
-    """how fast the commanded bank changes"""
+    """rate limit of the commanded bank"""
     full_surface_mps: float = math.inf
-    """above this airspeed the surfaces are given as much less as the dynamic pressure is more"""
+    """airspeed above which the surface deflections decrease with the dynamic pressure"""
     pitch_p: float = 3.0
     pitch_i: float = 1.5
     pitch_rate: float = 0.9
@@ -49,21 +49,20 @@ class Gains:
     ground_heading_p: float = 2.0
     ground_yaw_rate: float = 1.5
     nose_wheel: float = 0.0
-    """steering as a share of the rudder"""
+    """nose-wheel steering as a share of the rudder"""
     take_off_nose_wheel: float = 0.0
-    """the same in the take-off run; without, the rudder alone steers"""
+    """the same share in the take-off run; 0 steers with the rudder alone"""
     airspeed_pitch_p: float = 0.015
     airspeed_pitch_i: float = 0.002
     path_p: float = 0.9
     path_i: float = 0.35
     altitude_p: float = 0.2
-    """1/s: the vertical speed commanded for a metre of altitude error, also the shape of a
-    level-off"""
+    """gain from altitude error to commanded vertical speed, 1/s; it also shapes a level-off"""
     throttle_p: float = 0.06
     throttle_i: float = 0.012
     airspeed_filter_s: float = 1.0
     climb_slew_mps2: float = 0.7
-    """how fast the commanded vertical speed changes: a quarter of what would be felt"""
+    """rate limit of the commanded vertical speed"""
     airspeed_slew_mps2: float = 0.7
 
 

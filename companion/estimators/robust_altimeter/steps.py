@@ -67,9 +67,6 @@ gain. Preset ``paper`` on a small IMU: it believes an accelerometer that is wron
 """
 
 import math
-from typing import Any
-
-from numpy.typing import NDArray
 
 from companion.estimators.judging import (
     ATTITUDE,
@@ -102,13 +99,12 @@ from companion.estimators.robust_altimeter.altimeters import (
     lost,
     switch,
 )
-from companion.estimators.robust_altimeter.error_model import IBI, IBIG, IIG, RECOMMENDED, share
+from companion.estimators.robust_altimeter.error_model import IBI, IIG
 from companion.estimators.robust_altimeter.isolation import (
-    CORRELATED_SHARE,
     TRUST_IBI,
     TRUST_IIG,
-    expected_apart_m,
 )
+from companion.estimators.robust_altimeter.publication import fuse, ibi_weight, spread_m
 from companion.estimators.robust_altimeter.settings import RobustAltimeterSettings
 from companion.jit import step
 from companion.kernels.atmosphere import baro_altitude_m
@@ -127,8 +123,6 @@ from companion.samples import FaultySensor, Kind, Rows, Tables, readable, rows
 
 LOWEST_PA, HIGHEST_PA = 1_000.0, 120_000.0
 IMU_TIMEOUT_US = 500_000
-COLUMN_ERROR = 0.035
-"""Of a height gained: the air's temperature is off by 10 K of 288."""
 
 BAROMETER, RECEIVER = int(FaultySensor.BAROMETER), int(FaultySensor.GNSS)
 
@@ -288,75 +282,17 @@ def on_status(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
 
 
 @step
-def ibi_weight(state: Rows, params: Rows) -> float:
-    """Share of IBI in what is published: that of (19), or all, or nothing; NaN when there is
-    nothing to publish."""
-    s, publish = state[0], params[0].publish
-    if publish == RECOMMENDED:
-        publish = (
-            IBI
-            if s.pair.isolation.trust == TRUST_IBI
-            else IIG
-            if s.pair.isolation.trust == TRUST_IIG
-            else IBIG
-        )
-    has_ibi, has_iig = not lost(s.pair, IBI), not lost(s.pair, IIG)
-    if publish == IBIG and has_ibi and has_iig:
-        return share(s.pair.P[IBI], s.pair.P[IIG])
-    if publish != IIG and has_ibi:
-        return 1.0
-    if publish != IBI and has_iig:
-        return 0.0
-    return math.nan
-
-
-@step
-def spread_m(state: Rows, params: Rows, ibi: float) -> float:
-    """Error to expect: P, what GNSS and the datum have in common for minutes, the datum's age, and
-    the disagreement.
-
-    Where the two altimeters are further apart than these explain, one of them is wrong, and nobody
-    knows which.
-    """
-    s, p = state[0], params[0]
-    iig, shared = 1.0 - ibi, CORRELATED_SHARE * s.pair.sigma_gps_m * s.pair.sigma_gps_m
-    weather = p.pressure_drift_mps * (
-        min(s.pair.datum.age_s, p.reference_s) + (s.now_us - s.last_us[GNSS, 0]) * 1e-6
-    )
-    variance, apart2 = shared, 0.0
-    if ibi > 0.0:
-        column = COLUMN_ERROR * (s.pair.height_m[IBI] - s.pair.datum.at_m)
-        variance += ibi * ibi * (s.pair.P[IBI, 0, 0] + weather * weather + column * column)
-    if iig > 0.0:
-        variance += iig * iig * s.pair.P[IIG, 0, 0]
-    if s.pair.runs[IBI] == 1 and s.pair.runs[IIG] == 1:
-        apart = s.pair.height_m[IBI] - s.pair.height_m[IIG]
-        apart2 = max(0.0, apart * apart - expected_apart_m(s.pair) * expected_apart_m(s.pair))
-    return math.sqrt(variance + max(ibi * ibi, iig * iig) * apart2)
-
-
-@step
-def fuse(ibi: float, values: NDArray[Any]) -> float:
-    """A quantity of the two altimeters by the weight of the first; the one that counts nothing may
-    be NaN."""
-    if ibi == 1.0:
-        return values[IBI]
-    if ibi == 0.0:
-        return values[IIG]
-    return ibi * values[IBI] + (1.0 - ibi) * values[IIG]
-
-
-@step
 def write_estimate(state: Rows, params: Rows, estimate: Rows) -> None:
     """The published altimeter (19), (21)."""
     s = state[0]
-    ibi = ibi_weight(state, params)
+    ibi = ibi_weight(s.pair, params)
     if math.isnan(ibi):
         return
+    since_gnss_s = (s.now_us - s.last_us[GNSS, 0]) * 1e-6
     estimate[0].time_us = s.pair.ins_us
     estimate[0].altitude_amsl_m = fuse(ibi, s.pair.height_m)
     estimate[0].climb_mps = fuse(ibi, s.pair.climb_mps)
-    estimate[0].altitude_sd_m = spread_m(state, params, ibi)
+    estimate[0].altitude_sd_m = spread_m(s.pair, params, ibi, since_gnss_s)
     estimate[0].climb_sd_mps = math.sqrt(
         ibi * s.pair.P[IBI, 1, 1] + (1.0 - ibi) * s.pair.P[IIG, 1, 1]
     )

@@ -1,4 +1,5 @@
-"""Rules of the code base: imports, printing, compilation, length of files and functions, module map."""
+"""Rules of the code base: imports, printing, compilation, length of files and functions, module
+map."""
 
 import ast
 import inspect
@@ -86,7 +87,8 @@ def imports_of(tree: ast.AST) -> dict[str, str]:
 
 
 def test_import_contracts() -> None:
-    """Those of pyproject.toml: sim -> companion, estimators without MAVLink, a codec without I/O."""
+    """Those of pyproject.toml: sim -> companion, estimators without MAVLink, a codec without
+    I/O."""
     assert lint_imports(config_filename=str(ROOT / "pyproject.toml"), no_cache=True) == 0
 
 
@@ -158,7 +160,8 @@ def _is_summarised(name: str) -> bool:
 
 
 def test_compiled_code_has_explicit_loops() -> None:
-    """NumPy's linear algebra and reductions need scipy when compiled and differ from it when not."""
+    """NumPy's linear algebra and reductions need scipy when compiled and differ from it when
+    not."""
     for path in FILES:
         for step in _steps(tree_of(path)):
             where = f"{name_of(path)}: {step.name}"

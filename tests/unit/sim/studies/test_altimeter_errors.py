@@ -17,7 +17,7 @@ from sim.studies.papers.altimeter_errors import (
     open_loop_m,
     simulate,
 )
-from sim.studies.papers.page import Verdict
+from sim.studies.papers.page import Match
 from sim.studies.papers.robust_altimeter import (
     FITTED,
     LONG,
@@ -146,4 +146,4 @@ def test_the_page_has_every_table(tmp_path: Path) -> None:
     for number in range(2, 8):
         assert f"### Table {number}: " in text
     assert len(list(tmp_path.glob("robust-altimeter-*.png"))) == 3
-    assert page.counts[Verdict.REPRODUCES] >= 5
+    assert page.counts[Match.REPRODUCES] >= 5

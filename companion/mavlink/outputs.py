@@ -186,6 +186,8 @@ class Outputs:
     def sample(self, kind: Kind, row: Rows, verdict: Verdict, estimate: Rows) -> None:
         """Follow a sample and its verdict."""
         value = row[0]
+        if verdict is Verdict.STALE:
+            return  # a late copy
         if kind is Kind.PRESSURE:
             pressure_pa = float(value["pressure_pa"])
             if verdict is Verdict.USED and self.monotonic.update(

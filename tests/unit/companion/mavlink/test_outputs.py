@@ -469,7 +469,9 @@ class TestOnTheWire:
 
     @pytest.mark.parametrize("reason", ["short", "x" * 80, "Höhe über Grund"])
     def test_texts_fit(self, reason: str) -> None:
-        (message,) = Outputs(PublishSettings()).status_text(Health.DEGRADED, reason)
+        texts = StatusTexts()
+        texts.say("health", Health.DEGRADED, 4, f"Kollsman DEGRADED: {reason}")
+        (message,) = texts.due(0)
         (read,) = parsed([Encoder(1, 191).encode(message)])
         assert read.text.startswith("Kollsman DEGRADED: ")
         assert len(read.text) <= 50

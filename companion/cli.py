@@ -184,19 +184,19 @@ def replay(
     reader = open_log(log)
     collector = Collector()
     with ExitStack() as stack:
-        pipeline = Pipeline(settings, datagrams=True, observer=collector)
+        pipeline = Pipeline(settings, datagrams=True, observer=collector, sends=out is not None)
         if csv:
             sink = stack.enter_context(CsvSink(csv, lambda: pipeline.health.health.name))
             pipeline.observe(Observers([collector, sink]))
         writer = stack.enter_context(TlogWriter(out)) if out else None
         started_s = time.perf_counter()
-        for packet in _with_progress(reader, log.name):
-            frames = pipeline.feed(packet)
+        for time_us, frame in _with_progress(reader, pipeline.wanted, log.name):
+            sent = pipeline.feed_frame(frame, time_us)
             if writer is not None:
                 if not pipeline.heard_ourselves:  # of an earlier run: these are replaced
-                    writer.write(packet.time_us, packet.data)
-                for frame in frames:
-                    writer.write(packet.time_us, frame)
+                    writer.write(time_us, frame.data)
+                for data in sent:
+                    writer.write(time_us, data)
         elapsed_s = time.perf_counter() - started_s
     report = build(
         pipeline,
@@ -469,12 +469,12 @@ def _bar(name: str, total: float) -> "Iterator[Callable[[float], None]]":
         yield lambda done: bar.update(task, completed=done)
 
 
-def _with_progress(reader: "LogReader", name: str) -> Iterator[Any]:
+def _with_progress(reader: "LogReader", wanted: "frozenset[int]", name: str) -> Iterator[Any]:
     with _bar(name, reader.size_bytes) as advance:
-        for count, packet in enumerate(reader):
+        for count, timed_frame in enumerate(reader.frames_of(wanted)):
             if count % 2000 == 0:
                 advance(reader.position_bytes)
-            yield packet
+            yield timed_frame
 
 
 def _print_report(report: dict[str, Any]) -> None:

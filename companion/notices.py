@@ -1,7 +1,7 @@
 """What is missing on a live link and what to check, in one line."""
 
 from companion.links import Link
-from companion.mavlink.codec import Cause, mavlink
+from companion.mavlink.codec import FrameReject, mavlink
 from companion.pipeline import Pipeline
 from companion.samples import Kind, Verdict
 
@@ -18,7 +18,7 @@ def notice(pipeline: Pipeline, link: Link) -> str:
         check = "check cable, port, baud rate, and that the autopilot sends here"
         return f"nothing received on {link.url} in 5 s: {check}"
     if pipeline.decoder.frames == 0:
-        junk = pipeline.decoder.counters[Cause.JUNK]
+        junk = pipeline.decoder.counters[FrameReject.JUNK]
         check = "check the baud rate, and that the port is set to MAVLink 2"
         return f"{received} bytes on {link.url} but no MAVLink ({junk} junk): {check}"
     if pipeline.identity.vehicle is None:

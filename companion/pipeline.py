@@ -11,7 +11,7 @@ from typing import Protocol
 
 from companion.estimators import ESTIMATORS, Filter
 from companion.health import HealthMonitor
-from companion.intake import Cause, Intake
+from companion.intake import Intake, SampleReject
 from companion.mavlink import convert
 from companion.mavlink.codec import Decoder, Encoder, Frame, Message, mavlink
 from companion.mavlink.identity import Identity, Origin
@@ -64,6 +64,7 @@ class Pipeline:
     datagrams : whether every packet holds whole frames (UDP, logs).
     observer : sees every sample, truth and publication.
     listeners : what else wants messages of the vehicle, by message id (answers to our requests).
+    sends : False when nobody wants the frames to send: none are made, which saves half the time.
     """
 
     def __init__(
@@ -73,8 +74,10 @@ class Pipeline:
         datagrams: bool = False,
         observer: Observer | None = None,
         listeners: Mapping[int, Callable[[Message], None]] | None = None,
+        sends: bool = True,
     ) -> None:
         self.settings = settings
+        self._sends = sends
         self.decoder = Decoder(datagrams=datagrams)
         self.identity = Identity(
             settings.vehicle.system_id,
@@ -85,7 +88,6 @@ class Pipeline:
         self.texts = StatusTexts()
         self._source = Source.NONE
         self._problems: list[str] = []
-        self._is_silent = False
         self._begin()
         self.verdicts = [[0] * len(Verdict) for _ in Kind]
         """how many samples of each kind got each verdict"""
@@ -118,6 +120,11 @@ class Pipeline:
         )
 
     @property
+    def wanted(self) -> frozenset[int]:
+        """Ids of the messages that are decoded when the vehicle sends them."""
+        return frozenset(self._wanted)
+
+    @property
     def now_us(self) -> int:
         """The vehicle's clock: the newest boot time heard, -1 before the first."""
         return self.intake.clock.now_us
@@ -147,7 +154,7 @@ class Pipeline:
         The two share the decoder, which keeps nothing between datagrams but its counters.
         """
         other = copy.deepcopy(self, {id(each): each for each in (self.decoder, self._observer)})
-        other._is_silent = True
+        other._sends = False
         other.observe(observer)
         return other
 
@@ -165,6 +172,10 @@ class Pipeline:
         `source` is the network address that it came from, on a link that has several.
         """
         return self._take(self.decoder.feed(packet.data), packet.time_us, source)
+
+    def feed_frame(self, frame: Frame, arrival_us: int) -> list[bytes]:
+        """Take in a frame that a log's reader has found; the frames to send because of it."""
+        return self._take([frame], arrival_us, None)
 
     def flush(self, arrival_us: int) -> list[bytes]:
         """The line fell silent: give up on a half-received frame."""
@@ -323,7 +334,7 @@ class Pipeline:
         if time_us is None:
             return sent
         if self._is_replaced(reading, message_id):
-            self.intake.counters[Cause.REPLACED] += 1
+            self.intake.counters[SampleReject.REPLACED] += 1
         elif reading.kind is Kind.IMU and not self._wants_imu:
             self.verdicts[Kind.IMU][Verdict.IGNORED] += 1
         else:
@@ -348,9 +359,13 @@ class Pipeline:
             self._tells_air = False
             known = self.settings.air
             self._sample(Kind.AIR, 0, self.intake.air(known.qnh_hpa, known.temperature_c, row))
+        self.identity.measured(kind)
+        return self._step(kind, instance, row)
+
+    def _step(self, kind: Kind, instance: int, row: Rows) -> list[bytes]:
+        """Give a sample to the estimator and its verdict to all who follow it."""
         verdict = self.filter.step(kind, row)
         self.verdicts[kind][verdict] += 1
-        self.identity.measured(kind)
         if instance == 0:
             self.health.sample(kind, verdict, self.now_us, int(row[0]["arrival_us"]))
         self.outputs.sample(kind, row, verdict, self.filter.estimate)
@@ -372,6 +387,8 @@ class Pipeline:
                 messages.append(altitude)
                 if self._observer is not None:
                     self._observer.published(altitude)
+        if not self._sends:
+            return []
         if changed:
             self._tell_health()
         messages += self.outputs.debug(now_us, health, estimate, self.filter.state)
@@ -394,7 +411,7 @@ class Pipeline:
             self.texts.retract("source")
 
     def _encode(self, messages: list[Message]) -> list[bytes]:
-        if self._is_silent:
+        if not self._sends:
             return []
         own, version = self.identity.own, self.identity.version
         if self.identity.vehicle is None:

@@ -1,13 +1,13 @@
 """Logs of packets: reading, writing, pacing. A new format is one file and one line in `FORMATS`."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import NamedTuple, Protocol, Self
 
 from companion.errors import LogFormatError
 from companion.logs.tlog import TlogReader, TlogWriter
-from companion.mavlink.codec import Cause
+from companion.mavlink.codec import Frame, FrameReject
 from companion.samples import Packet
 
 __all__ = ["FORMATS", "Format", "LogReader", "LogWriter", "open_log"]
@@ -16,12 +16,14 @@ __all__ = ["FORMATS", "Format", "LogReader", "LogWriter", "open_log"]
 class LogReader(Protocol):
     """Packets in file order; every iteration starts anew."""
 
-    counters: Counter[Cause]
+    counters: Counter[FrameReject]
     """what was left out in the current iteration, by cause"""
     size_bytes: int
     position_bytes: int
 
     def __iter__(self) -> Iterator[Packet]: ...
+
+    def frames_of(self, wanted: Collection[int]) -> Iterator[tuple[int, Frame]]: ...
 
 
 class LogWriter(Protocol):

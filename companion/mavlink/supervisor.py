@@ -269,7 +269,7 @@ class StreamSupervisor:
             elif watch.asked is not Asked.NO and (watch.heard or watch.stream.label):
                 self._short(watch, now_us, stations)
             self._report(watch)
-        if self.rivals and now_us - self._episodes[-1] > EPISODES_US:
+        if self.rivals and now_us - self._paused_until_us > EPISODES_US:
             self.rivals, self._pause_us = "", PAUSE_US
 
     def _short(self, watch: Watch, now_us: int, stations: str) -> None:
@@ -320,14 +320,12 @@ class StreamSupervisor:
         if self._waiting is None:
             if now_us < self._paused_until_us:
                 return []
-            self._waiting = next(
-                (
-                    watch
-                    for watch in self.watches.values()
-                    if watch.asked is Asked.NO and watch.due_us <= now_us
-                ),
-                None,
-            )
+            pending = [
+                watch
+                for watch in self.watches.values()
+                if watch.asked is Asked.NO and watch.due_us <= now_us
+            ]
+            self._waiting = min(pending, key=lambda watch: watch.due_us, default=None)
             self._attempts = 0
         if self._waiting is None:
             return []

@@ -219,7 +219,7 @@ def on_range(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     place(state, RANGE, sample[0].instance, time_us)
     if sample[0].instance != s.range_instance and time_us - s.range_us <= FRESH_US:
         return tally(state, RANGE, IGNORED)  # one at a time: they hang at different heights
-    upright = -s.attitude_up_b[2]
+    upright = -s.attitude.own.up_b[2]
     if not upright > STEEPEST_COS:
         return tally(state, RANGE, IGNORED)
     between_s = (time_us - s.range_us) * 1e-6

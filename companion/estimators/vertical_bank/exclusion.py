@@ -73,9 +73,9 @@ from companion.estimators.vertical_bank.mixture import (
 )
 from companion.estimators.vertical_bank.redundancy import RECEIVER, a_witness_agrees
 from companion.jit import step
-from companion.samples import Fault, Rows
+from companion.samples import FaultySensor, Rows
 
-NOBODY, BAROMETER, GNSS_HEIGHT, INERTIAL = (int(fault) for fault in Fault)
+NOBODY, BAROMETER, GNSS_HEIGHT, INERTIAL = (int(fault) for fault in FaultySensor)
 
 ONSET_SIGMA, ONSET_OF, ONSET_FAILS = 4.0, 10, 8
 ONSET_TIME_S, ONSET_MEAN_SIGMA = 2.0, 7.0
@@ -132,7 +132,7 @@ def integrity_fields() -> tuple[tuple[Any, ...], ...]:
     """The state fields of this component."""
     return (
         ("watching", "i8"),  # whether anybody may be blamed
-        ("blamed_us", "i8", (len(Fault),)),  # since when, -1 healthy
+        ("blamed_us", "i8", (len(FaultySensor),)),  # since when, -1 healthy
         ("baro_value_us", "i8"),  # since when the barometer repeats its value
         ("baro_repeats", "i8"),
         ("baro_interval_s", "f8"),  # between new values, smoothed; NaN unknown
@@ -247,7 +247,7 @@ def forgive_imu(state: Rows) -> None:
 
 @step
 def blamed_now(state: Rows) -> int:
-    """The sensor that has been wrong for longest, `Fault.NONE` if all are well."""
+    """The sensor that has been wrong for longest, `FaultySensor.NONE` if all are well."""
     s, found = state[0], NOBODY
     for fault in range(1, s.blamed_us.size):
         earlier = found == NOBODY or s.blamed_us[fault] < s.blamed_us[found]

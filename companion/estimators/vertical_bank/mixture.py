@@ -28,7 +28,7 @@ from companion.estimators.vertical_bank.channel import (
     propagate,
 )
 from companion.jit import step
-from companion.kernels.attitude import DISTURBANCE_TIME_S
+from companion.kernels.levelling import DISTURBANCE_TIME_S
 from companion.kernels.ring import at, clear, push, ring_fields
 from companion.samples import Rows
 
@@ -165,7 +165,7 @@ def inertial_psd(state: Rows, params: Rows) -> float:
     that of a fast stream, and no more than a slow one may miss, which grows with T^3. Vibration is
     a tone: it shakes more than it moves."""
     noise = params[0].accel_noise_mps2
-    slower = max(1.0, state[0].attitude_interval_s / NORMAL_INTERVAL_S)
+    slower = max(1.0, state[0].attitude.interval_s / NORMAL_INTERVAL_S)
     return max(noise * noise, min(state[0].shake_psd, noise * noise * slower * slower * slower))
 
 
@@ -197,9 +197,9 @@ def note_shake(state: Rows, up_mps2: float) -> None:
     """
     s, change_mps2 = state[0], up_mps2 - state[0].up_mps2
     if not math.isnan(change_mps2):
-        share = min(1.0, s.attitude_interval_s / SHAKING_TIME_S)
+        share = min(1.0, s.attitude.interval_s / SHAKING_TIME_S)
         s.shake_psd += share * (
-            0.5 * change_mps2 * change_mps2 * s.attitude_interval_s - s.shake_psd
+            0.5 * change_mps2 * change_mps2 * s.attitude.interval_s - s.shake_psd
         )
 
 
@@ -212,20 +212,20 @@ def note_tilt(state: Rows, sample: Rows) -> None:
     shakes averages out. Entering a turn with 40 degrees of bank, 8 m/s2 become horizontal, and 0.02
     rad are 0.16 m/s2, for as long as a disturbance of the attitude lasts.
     """
-    s, up, force = state[0], state[0].attitude_up_b, sample[0].specific_force_b_mps2
+    s, up, force = state[0], state[0].attitude.own.up_b, sample[0].specific_force_b_mps2
     s.tilt_psd = 0.0
     if math.isnan(up[0]):
         return
     along = force[0] * up[0] + force[1] * up[1] + force[2] * up[2]
-    new_share = min(1.0, s.attitude_interval_s / SHAKING_TIME_S)
-    old_share = min(1.0, s.attitude_interval_s / STAYING_TIME_S)
+    new_share = min(1.0, s.attitude.interval_s / SHAKING_TIME_S)
+    old_share = min(1.0, s.attitude.interval_s / STAYING_TIME_S)
     changed2 = 0.0
     for i in range(3):
         across = force[i] - along * up[i]
         s.across_new[i] += new_share * (across - s.across_new[i])
         s.across_old[i] += old_share * (across - s.across_old[i])
         changed2 += (s.across_new[i] - s.across_old[i]) ** 2
-    s.tilt_psd = 2.0 * DISTURBANCE_TIME_S * s.attitude_tilt_var * changed2
+    s.tilt_psd = 2.0 * DISTURBANCE_TIME_S * s.attitude.own.tilt_var * changed2
 
 
 @step

@@ -151,7 +151,7 @@ from companion.estimators.vertical_bank.takeoff import (
 from companion.jit import step
 from companion.kernels.atmosphere import baro_altitude_m, qnh_pa
 from companion.kernels.attitude import (
-    attitude_fields,
+    ATTITUDE_STATE,
     attitude_gnss,
     attitude_imu,
     attitude_start,
@@ -177,7 +177,7 @@ VAGUE_TILT_RAD = 0.2
 bias"""
 
 STATE = state_dtype(
-    *attitude_fields(),
+    ("attitude", ATTITUDE_STATE),
     *mixture_fields(),
     *integrity_fields(),
     *spare_fields(),
@@ -206,7 +206,7 @@ def start(state: Rows, params: Rows) -> None:
     """Forget everything but the counters."""
     s = state[0]
     reset(state)
-    attitude_start(state)
+    attitude_start(state[0].attitude)
     mixture_start(state, params)
     integrity_start(state, params)
     spares_start(state)
@@ -230,7 +230,7 @@ def start_over(state: Rows, params: Rows) -> None:
     away."""
     s = state[0]
     give_up(state, params)
-    attitude_start(state)
+    attitude_start(state[0].attitude)
     forget_readings(state)
     if s.baro_frozen == 0:
         s.baro_pa = math.nan
@@ -248,8 +248,10 @@ def on_imu(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         return tally(state, IMU, verdict)
     time_us = sample[0].time_us
     place(state, IMU, 0, time_us)
-    attitude_imu(state, sample)
-    up_mps2 = upward_mps2(state, params, sample) if imu_can_be_integrated(state) else math.nan
+    attitude_imu(state[0].attitude, sample)
+    up_mps2 = (
+        upward_mps2(state, params, sample) if imu_can_be_integrated(state[0].attitude) else math.nan
+    )
     if math.isnan(up_mps2):
         verdict = IGNORED
     elif is_blamed(state, INERTIAL):
@@ -267,12 +269,12 @@ def upward_mps2(state: Rows, params: Rows, sample: Rows) -> float:
     """Upward acceleration by our own attitude, or the vehicle's if the settings say so; NaN while
     that is vague."""
     s, force = state[0], sample[0].specific_force_b_mps2
-    if params[0].vehicle_attitude == 1 and vehicle_serves(state):
-        return up_acceleration_mps2(state, sample)
-    if not s.attitude_tilt_var < VAGUE_TILT_RAD * VAGUE_TILT_RAD:
+    if params[0].vehicle_attitude == 1 and vehicle_serves(state[0].attitude):
+        return up_acceleration_mps2(state[0].attitude, sample)
+    if not s.attitude.own.tilt_var < VAGUE_TILT_RAD * VAGUE_TILT_RAD:
         return math.nan
-    up = s.attitude_up_b
-    return force[0] * up[0] + force[1] * up[1] + force[2] * up[2] - s.attitude_gravity_mps2
+    up = s.attitude.own.up_b
+    return force[0] * up[0] + force[1] * up[1] + force[2] * up[2] - s.attitude.own.gravity_mps2
 
 
 @step
@@ -283,7 +285,7 @@ def on_attitude(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     verdict = judge_attitude(state, sample)
     if verdict == USED:
         place(state, ATTITUDE, 0, sample[0].time_us)
-        attitude_vehicle(state, sample)
+        attitude_vehicle(state[0].attitude, sample)
     return tally(state, ATTITUDE, verdict)
 
 
@@ -454,7 +456,7 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     silent = time_us - s.last_us[GNSS, 0] > SILENT_US
     note_place(state, sample[0].latitude_deg, sample[0].longitude_deg)
     if instance == 0 or silent:
-        attitude_gnss(state, sample)
+        attitude_gnss(state[0].attitude, sample)
     advance(state, params, max(time_us, s.filter_us))
     forgive_imu(state)
     late_s = (s.filter_us - time_us) * 1e-6

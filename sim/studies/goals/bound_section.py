@@ -15,7 +15,7 @@ import numpy as np
 from companion.config import Settings
 from companion.estimators import DEFAULT_ESTIMATOR, ESTIMATORS
 from companion.estimators.vertical_bank.settings import VerticalBankSettings
-from companion.samples import Fault, Kind
+from companion.samples import FaultySensor, Kind
 from sim.studies.campaign import executor_of
 from sim.studies.goals import Context
 from sim.studies.goals.bound import Model, bound
@@ -94,7 +94,7 @@ def squares(key: str, seeds: Sequence[int]) -> dict[str, Array]:
             value = _mean_square(SCENARIOS[key], drawn, elapsed_s, at_baro["altitude_amsl_m"])
             found.setdefault(label, []).append(value)
             if label == BANK:
-                blamed = bool((at_baro["faulty"] == Fault.BAROMETER).any())
+                blamed = bool((at_baro["faulty"] == FaultySensor.BAROMETER).any())
                 found.setdefault(BLAMED, []).append(float(blamed))
     return {label: np.array(values) for label, values in found.items()}
 

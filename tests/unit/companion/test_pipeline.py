@@ -113,8 +113,7 @@ def test_the_autopilots_own_altitude_and_truth_are_seen_but_not_used() -> None:
         return mavlink.MAVLink_sim_state_message(**values)
 
     comparison = Comparison()
-    settings = CompanionSettings()
-    settings.publish.altitude = "never"
+    settings = CompanionSettings().with_changes(publish={"altitude": "never"})
     pipeline = Pipeline(settings, datagrams=True, observer=comparison)
     packets = standing(30, 50, own=(5.0, position), truth=(5.0, truth))
     sent = [frame for packet in packets for frame in pipeline.feed(packet)]

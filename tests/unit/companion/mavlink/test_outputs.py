@@ -23,6 +23,7 @@ from companion.mavlink.outputs import (
     heartbeat,
     state_floats,
 )
+from companion.mavlink.texts import StatusTexts
 from companion.samples import ESTIMATE, Kind, Rows, Verdict, rows, sample
 from companion.settings import CompanionSettings
 from tests import vehicle

@@ -35,31 +35,6 @@ Names
 -----
 Unknown is NaN in rows; MAVLink's sentinels live in ``mavlink/convert.py`` alone. Paper letters (F H P Q R S K x z)
 appear only in ``kalman.py`` and ``estimators/``, with the map in the module's docstring.
-
-Modules
--------
-==================  ===================================================================================
-``samples``         the records: samples, estimates, verdicts, `SampleLog`
-``atmosphere``      standard atmosphere both ways, geopotential height, Kollsman correction
-``earth``           the ellipsoid: normal gravity, radii, rotation
-``strapdown``       inertial navigation north-east-down, and how its errors grow
-``track``           the past of a moving state, for fixes that come late
-``spikes``          a gate against spikes of a barometer that follows its trend
-``attitude``        roll and pitch, ours or the vehicle's: the vertical acceleration; whether the IMU is fast enough
-``estimators``      ``ESTIMATORS``: one file per published system
-``mavlink``         codec (bytes <-> messages), convert (messages -> samples), identity, outputs
-``intake``          what live and replay share before an estimator: vehicle clock, reboots, latency
-``screening``       barometer against GNSS: which of them is impossible
-``pipeline``        packets in, estimates and MAVLink frames out; deterministic
-``health``          freshness and spread -> OK, DEGRADED, LOST
-``links``           ``SCHEMES``: serial, UDP, TCP, memory
-``logs``            tlog reading and writing, pacing
-``service``         the live loop: a link, a clock, a pipeline
-``evaluation``      errors against truth
-``tuning``          gains of the damping loop from a flight, by its paper's genetic algorithm
-``config``          typed YAML
-``cli``             the command ``kollsman``
-==================  ===================================================================================
 """
 
 __version__ = "0.1.0"

@@ -5,21 +5,26 @@ give the same estimates and the same output messages, bit for bit.
 """
 
 import copy
+import logging
 from collections.abc import Callable, Hashable, Mapping
 from functools import partial
 from typing import Protocol
 
+from companion.checker import Checker
 from companion.estimators import ESTIMATORS, Filter
 from companion.health import HealthMonitor
-from companion.intake import Intake, SampleReject
+from companion.intake import Intake, SampleReject, restart_row
 from companion.mavlink import convert
 from companion.mavlink.codec import Decoder, Encoder, Frame, Message, mavlink
 from companion.mavlink.identity import Identity, Origin
 from companion.mavlink.imu import ImuSelector
 from companion.mavlink.outputs import SEVERITY, Outputs, Source, heartbeat
 from companion.mavlink.texts import Allowance, StatusTexts
+from companion.recorded import Item, Sensed
 from companion.samples import Kind, Packet, Rows, Verdict
 from companion.settings import CompanionSettings
+
+logger = logging.getLogger("kollsman.pipeline")
 
 HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 RAW_IMU = mavlink.MAVLINK_MSG_ID_RAW_IMU
@@ -112,6 +117,7 @@ class Pipeline:
         self.intake = Intake(settings.intake)
         self.filter = Filter(ESTIMATORS[settings.estimator], settings.section(settings.estimator))
         self.health = HealthMonitor(settings.health, self.filter.method.uses)
+        self.checker = Checker()
         self.outputs = Outputs(settings.publish)
         self._imu = ImuSelector()
         self._scaled_pressure_us = -PRESSURE_TIMEOUT_US
@@ -173,9 +179,15 @@ class Pipeline:
         """
         return self._take(self.decoder.feed(packet.data), packet.time_us, source)
 
-    def feed_frame(self, frame: Frame, arrival_us: int) -> list[bytes]:
-        """Take in a frame that a log's reader has found; the frames to send because of it."""
-        return self._take([frame], arrival_us, None)
+    def feed_item(self, item: Item, arrival_us: int) -> list[bytes]:
+        """Take in what a log's reader has found; the frames to send because of it."""
+        if isinstance(item, Frame):
+            return self._take([item], arrival_us, None)
+        self.frames = []
+        if isinstance(item, Sensed):
+            return self._reading(item.reading, item.source, arrival_us)
+        self._compare(item.is_truth, item[1:])
+        return []
 
     def flush(self, arrival_us: int) -> list[bytes]:
         """The line fell silent: give up on a half-received frame."""
@@ -328,6 +340,7 @@ class Pipeline:
         if reboot is not None:
             self.health.restart()
             self.outputs.restart()
+            self.checker.restart()
             self._scaled_pressure_us = -PRESSURE_TIMEOUT_US
             self._tells_air = self._knows_air
             sent += self._sample(Kind.STATUS, 0, reboot)
@@ -364,6 +377,7 @@ class Pipeline:
 
     def _step(self, kind: Kind, instance: int, row: Rows) -> list[bytes]:
         """Give a sample to the estimator and its verdict to all who follow it."""
+        self.checker.sample(kind, row)
         verdict = self.filter.step(kind, row)
         self.verdicts[kind][verdict] += 1
         if instance == 0:
@@ -377,9 +391,14 @@ class Pipeline:
         """What is due now that the vehicle's clock has moved: health, ALTITUDE if the estimate is
         new, DEBUG."""
         now_us, estimate = self.now_us, self.filter.estimate
-        changed = (used or self.health.is_due(now_us)) and self.health.assess(now_us, estimate)
-        health = self.health.health
         messages: list[Message] = []
+        changed = False
+        if used or self.health.is_due(now_us):
+            objection = self.checker.objection(now_us, float(estimate[0]["altitude_amsl_m"]))
+            changed = self.health.assess(now_us, estimate, objection)
+            if self.checker.asks_restart(now_us, supported=self.health.has_altitude):
+                self._restart_estimator()
+        health = self.health.health
         if used:
             altitude = self.outputs.altitude(now_us, health, estimate)
             if altitude is not None:
@@ -409,6 +428,17 @@ class Pipeline:
             self.texts.say("source", source, mavlink.MAV_SEVERITY_NOTICE, OWN_HEIGHT_TEXT)
         else:
             self.texts.retract("source")
+
+    def _restart_estimator(self) -> None:
+        """Start the estimator anew. Observers see its samples only, as another would get them."""
+        row = restart_row(self.now_us, self.now_us)
+        self.filter.step(Kind.STATUS, row)
+        self._tells_air = self._knows_air
+        reason = f"estimator restarted, {self.health.reason}"
+        logger.warning("%s (restart %d)", reason, self.checker.restarts)
+        if self.settings.publish.statustext:
+            text = f"Kollsman: {reason}"
+            self.texts.say("restart", self.checker.restarts, mavlink.MAV_SEVERITY_WARNING, text)
 
     def _encode(self, messages: list[Message]) -> list[bytes]:
         if not self._sends:

@@ -21,7 +21,8 @@ from companion.links import Link
 from companion.logs.tlog import TlogWriter
 from companion.samples import Packet
 from sim import BOOT_UNIX_US, STEPS_PER_TICK
-from sim.aircraft import Aircraft, Truth
+from sim.aircraft import Aircraft
+from sim.aircraft_state import Truth
 from sim.faults.injector import FaultInjector
 from sim.pilot.approach import LandingSite
 from sim.pilot.autopilot import UPDATE_HZ, Autopilot, Mode, Target

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from companion.config import Settings, load
 from companion.errors import SimulationError
-from sim.aircraft import MODELS, Model
+from sim.airframes import MODELS, Model
 from sim.faults import AnyFault
 from sim.pilot.gains import GAINS
 from sim.pilot.profile import Airspeed, Altitude, Land, Leg, TakeOff

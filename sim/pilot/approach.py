@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 
 from companion.errors import SimulationError
-from sim.aircraft import Truth
+from sim.aircraft_state import Truth
 from sim.pilot.autopilot import Mode, Target
 from sim.pilot.gains import Gains
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 
 from companion.errors import SimulationError
-from sim.aircraft import Controls, Truth
+from sim.aircraft_state import Controls, Truth
 from sim.pilot.gains import GAINS
 
 UPDATE_HZ = 50

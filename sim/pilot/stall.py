@@ -11,7 +11,8 @@ import math
 from collections.abc import Callable
 
 from companion.errors import SimulationError
-from sim.aircraft import Aircraft, Truth
+from sim.aircraft import Aircraft
+from sim.aircraft_state import Truth
 from sim.pilot.profile import Climb, Flown, Leg
 
 _STAYS_US = 500_000

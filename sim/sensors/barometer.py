@@ -33,7 +33,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
-from sim.aircraft import Flow
+from sim.aircraft_state import Flow
 from sim.sensors import GaussMarkov, SensorConfig, normals
 
 NonNegative = Annotated[float, Field(ge=0.0, le=10_000.0)]

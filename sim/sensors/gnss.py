@@ -26,7 +26,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
-from sim.aircraft import Truth
+from sim.aircraft_state import Truth
 from sim.sensors import GaussMarkov, SensorConfig, normals
 
 Metres = Annotated[float, Field(ge=0.0, le=1000.0)]

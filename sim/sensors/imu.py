@@ -24,7 +24,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from sim.aircraft import G0_MPS2, Motion, Vector
+from sim.aircraft_state import G0_MPS2, Motion, Vector
 from sim.sensors import GaussMarkov, SensorConfig, normal_blocks, normals
 
 Small = Annotated[float, Field(ge=0.0, le=10.0)]

@@ -12,7 +12,7 @@ from typing import Annotated, NamedTuple
 
 from pydantic import Field
 
-from sim.aircraft import Truth
+from sim.aircraft_state import Truth
 from sim.sensors import GaussMarkov, SensorConfig, normals
 from sim.sensors.barometer import Pressure
 from sim.sensors.gnss import Fix

@@ -17,7 +17,7 @@ from companion.links.memory import pair
 from companion.logs.tlog import TlogReader
 from companion.mavlink.codec import Decoder
 from sim import BOOT_UNIX_US
-from sim.aircraft import Controls, Motion, Truth
+from sim.aircraft_state import Controls, Motion, Truth
 from sim.flight import Flight
 from sim.pilot.autopilot import Target
 from sim.pilot.profile import Climb, Descend, Hold, Leg, TakeOff

@@ -10,7 +10,8 @@ import pytest
 
 from companion.config import validate
 from companion.errors import SimulationError
-from sim.aircraft import MODELS, Aircraft
+from sim.aircraft import Aircraft
+from sim.airframes import MODELS
 from sim.flight import Flight
 from sim.pilot.profile import Glide, Land
 from sim.pilot.stall import StallWatch

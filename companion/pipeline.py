@@ -263,7 +263,8 @@ class Pipeline:
         speaker = (frame.system_id, frame.component_id)
         if message_id == HEARTBEAT and speaker not in (identity.vehicle, identity.own):
             message = self.decoder.decode(frame)
-            if message is not None and identity.heartbeat(frame, message, arrival_us, source):
+            changed = message and identity.heartbeat(frame, message, arrival_us, source)
+            if changed and self.heard:  # not for the first vehicle
                 self._begin()
         origin = identity.origin(frame, arrival_us, source)
         if origin not in FORGERIES:

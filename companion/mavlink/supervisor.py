@@ -40,7 +40,7 @@ FRUITLESS = 3
 SHORT_RATIO = 0.6
 """of the requested rate: less is short"""
 WINDOW_US = 1_000_000
-WINDOW_MESSAGES = 3
+WINDOW_MESSAGES = 5
 SETTLE_US = 200_000
 DEAD_US = 1_500_000
 """the vehicle's clock stands still, or the vehicle is silent, when nothing moved it for so long"""
@@ -276,7 +276,8 @@ class StreamSupervisor:
         """A rate is too low: request it again, unless that is known to be of no use."""
         if watch.good:
             watch.good = False
-            self._lowered(now_us, stations)
+            if watch.stream.label:
+                self._lowered(now_us, stations)
         else:
             watch.fruitless += 1
         if watch.asked is Asked.REFUSED:

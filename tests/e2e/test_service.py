@@ -149,7 +149,7 @@ def without_sequence(frame: bytes) -> bytes:
 
 def test_requests_each_stream_once_and_reads_the_answers(bench: Bench) -> None:
     asked: list[float] = []
-    for tick in range(30):
+    for tick in range(20):
         if tick % 10 == 0:
             bench.send(heartbeat())
         bench.turn()
@@ -222,13 +222,12 @@ def test_second_companion_with_our_ids_makes_us_move(bench: Bench) -> None:
     for _ in range(2):
         bench.far.send(other.encode(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)))
     bench.turn(2)
-    bench.heard()
+    assert any("1/192" in text for text in texts_of(bench.heard()))
     for second in range(1, 8):
         bench.second(10_000 + 1000 * second)
     heard = bench.heard()
     assert {message.get_srcComponent() for message in heard} == {192}
     assert any(message.get_msgId() == ALTITUDE for message in heard)
-    assert any("1/192" in text for text in texts_of(heard))
 
 
 def texts_of(messages: list[Message]) -> list[str]:

@@ -1,5 +1,5 @@
-"""What a replay found: counts by verdict, the altitude in short, and errors against truth beside
-those of others."""
+"""The report of a replay: counts by verdict, a summary of the altitude, and errors of each source
+against truth."""
 
 import math
 from typing import Any
@@ -14,7 +14,7 @@ from companion.pipeline import Pipeline
 from companion.samples import Kind, Rows, Verdict
 
 SETTLE_S = 60.0
-"""the first minute is for every estimator to find its start"""
+"""time after the first sample whose errors do not count: estimators initialise"""
 
 
 class _Track:

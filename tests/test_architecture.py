@@ -52,6 +52,7 @@ SUMMARISED = (
     # Give each module a line in the map and delete its package here.
     "companion/",
     "companion/estimators/",
+    "companion/evaluation/",
     "companion/intake/",
     "companion/kernels/",
     "companion/links/",

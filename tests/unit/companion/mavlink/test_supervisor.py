@@ -20,6 +20,12 @@ STREAMS = wanted(
 )  # barometer, GNSS, IMU, range finder, second receiver
 
 
+@pytest.fixture(autouse=True)
+def _logger_on() -> None:
+    """import-linter disables loggers when it runs in the same process."""
+    logging.getLogger("kollsman.streams").disabled = False
+
+
 class Autopilot:
     """Streams what was requested, by its own rules, and counts it; the supervisor's other end.
 

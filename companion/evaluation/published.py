@@ -2,8 +2,8 @@
 
 The estimator's compiled loop runs over the whole log; then the health monitor and the output rules
 of the pipeline follow its estimates after every pressure and fix. So a flight of an hour costs a
-second, not minutes. Two simplifications: the vehicle's heartbeat counts as always there, and an
-ALTITUDE that an IMU sample would have triggered is sent with the next pressure or fix.
+second, not minutes. Two simplifications: the vehicle's silence on the host's clock is not seen,
+and an ALTITUDE that an IMU sample would have triggered is sent with the next pressure or fix.
 """
 
 import time
@@ -92,9 +92,8 @@ class _Follower:
         self, kind: Kind, verdict: Verdict, now_us: int, estimate: Rows, *, is_primary: bool
     ) -> bool:
         """Whether an ALTITUDE goes out because of a sample."""
-        self.monitor.heartbeat(now_us)
         if is_primary:
-            self.monitor.sample(kind, verdict, now_us)
+            self.monitor.sample(kind, verdict, now_us, now_us)
         is_used = verdict is Verdict.USED
         if is_used or self.monitor.is_due(now_us):
             self.monitor.assess(now_us, estimate)

@@ -3,8 +3,8 @@
 The estimator's compiled loop runs over the whole log; then the checker, the health monitor and the
 output rules of the pipeline follow its estimates after every pressure and fix. Where the checker
 restarts the estimator, the loop runs anew over what follows. So a flight of an hour costs a
-second, not minutes. Two simplifications: the vehicle's heartbeat counts as always there, and an
-ALTITUDE that an IMU sample would have triggered is sent with the next pressure or fix.
+second, not minutes. Two simplifications: the vehicle's silence on the host's clock is not seen, and
+an ALTITUDE that an IMU sample would have triggered is sent with the next pressure or fix.
 """
 
 import time
@@ -112,9 +112,8 @@ class _Follower:
     ) -> None:
         """Follow a sample and its verdict."""
         self._checker.sample(kind, row)
-        self.monitor.heartbeat(now_us)
         if is_primary:
-            self.monitor.sample(kind, verdict, now_us)
+            self.monitor.sample(kind, verdict, now_us, now_us)
 
     def asks_restart(self, verdict: Verdict, now_us: int, estimate: Rows) -> bool:
         """Assess the health; whether the estimator must start anew."""

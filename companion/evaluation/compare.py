@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,18 +15,26 @@ from companion.estimators import ESTIMATORS, run_log
 from companion.evaluation.detection import Attribution
 from companion.evaluation.integrity import coverage, plot_stanford, protection
 from companion.evaluation.metrics import Array, errors, truth_at
-from companion.evaluation.samples import BOOT_US, samples_of
+from companion.evaluation.samples import BOOT_US, Sampler, Tap, samples_of
+from companion.evaluation.smoother import measured_of, smooth
 from companion.kernels.atmosphere import baro_altitude_array
+from companion.logs import open_log
+from companion.replay.sessions import Session, sessions_of
 from companion.samples import Kind, Rows, SampleLog
 from companion.settings import CompanionSettings
 
 SETTLE_S = 60.0
+OF_TRUTH = (
+    "nees", "coverage_1", "coverage_2", "coverage_3", "exceedances", "exceeded_share",
+    "takeoff_rmse_m",
+)  # fmt: skip
+"""of a `Result`: what only truth can tell"""
 
 
 @dataclass(frozen=True)
 class Result:
-    """One line of the table; unknown is NaN. Errors are against truth, or against GNSS where there
-    is no truth."""
+    """One line of the table; unknown is NaN. Errors are against truth; where there is none they are
+    differences to the smoother of barometer and GNSS."""
 
     label: str
     rmse_m: float = math.nan
@@ -79,7 +87,7 @@ class Comparison:
     """The series of one log, what they were held against, and the table."""
 
     reference: str
-    """"truth", or "GNSS" where the log has no truth"""
+    """"truth"; "smoother" where the log has no truth, "nothing" where it has no GNSS either"""
     series: list[Series]
     results: list[Result]
     truth_us: Array
@@ -144,16 +152,49 @@ def compare_log(
         )
         reference = "truth"
     else:
-        fixes = next((each for each in series if each.label == "raw GNSS"), None)
-        truth_us = fixes.times_us if fixes is not None else np.zeros(0)
-        truth_m = fixes.altitude_m if fixes is not None else np.zeros(0)
-        truth_climb, reference = np.full(truth_us.shape, np.nan), "GNSS"
+        truth_us, truth_m, truth_climb = _smoothed(log)
+        reference = "smoother" if truth_us.size else "nothing"
     baro = next((each for each in series if each.label == "raw barometer"), None)
     takeoff = takeoff_of(log, truth_us, truth_m)
     results = [
         _judge(each, (truth_us, truth_m, truth_climb), baro, start_us, takeoff) for each in series
     ]
+    if reference != "truth":  # what differs from a reference of less than perfect is no error
+        unknown: dict[str, Any] = dict.fromkeys(OF_TRUTH, math.nan)
+        results = [replace(each, **unknown) for each in results]
     return Comparison(reference, series, results, truth_us, truth_m, start_us)
+
+
+def compare_sessions(
+    path: Path,
+    settings: CompanionSettings | None = None,
+    settle_s: float = SETTLE_S,
+    on_progress: Callable[[float], None] | None = None,
+    estimators: Sequence[str] = tuple(ESTIMATORS),
+) -> list[tuple[Session[Tap], Comparison]]:
+    """Run estimators over every session of the log at `path`. Raises `LogFormatError`."""
+    settings = settings or CompanionSettings()
+    sessions = sessions_of(
+        open_log(path),
+        settings,
+        lambda _: Tap(),
+        Sampler,
+        on_progress=lambda share: on_progress(0.6 * share) if on_progress else None,
+    )
+    return [
+        (each, compare_log(each.seen.log, settings, settle_s, on_progress, estimators))
+        for each in sessions
+    ]
+
+
+def _smoothed(log: SampleLog) -> tuple[Array, Array, Array]:
+    """Times, altitude and climb of the smoother, on the clock of the series; empty without one."""
+    reboots = int(np.sum(np.asarray(log[Kind.STATUS]["reboot"]) == 1))
+    smoothed = smooth(measured_of(log)) if reboots <= 1 else None
+    if smoothed is None:
+        return np.zeros(0), np.zeros(0), np.zeros(0)
+    times_us = smoothed.time_us + reboots * float(BOOT_US)
+    return times_us, smoothed.altitude_m, smoothed.climb_mps
 
 
 def estimate_series(name: str, log: SampleLog, settings: CompanionSettings) -> Series:
@@ -282,7 +323,9 @@ def plot(comparison: Comparison, path: Path, title: str) -> None:
 
 def plot_protection(comparison: Comparison, path: Path, title: str, alert_limit_m: float) -> None:
     """Stanford diagram of the first series with a protection level. Raises `ConfigError` when there
-    is none."""
+    is none, or no truth."""
+    if comparison.reference != "truth":
+        raise ConfigError("--stanford: needs truth, and the log has none")
     for each in comparison.series:
         if each.level_m is not None:
             late, error_m = comparison.errors_of(each)

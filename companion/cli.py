@@ -75,6 +75,7 @@ app.command(epilog=live_cli.RUN_EXAMPLES)(live_cli.run)
 
 app.command(epilog=log_cli.REPLAY_EXAMPLES)(log_cli.replay)
 app.command(epilog=log_cli.COMPARE_EXAMPLES)(log_cli.compare)
+app.command(epilog=log_cli.BATCH_EXAMPLES)(log_cli.batch)
 
 
 def _tunable(estimator: str) -> "Callable[..., Any]":

@@ -1,5 +1,5 @@
-"""Kollsman's simulator: JSBSim flies a real aircraft model through weather and speaks MAVLink as an
-autopilot would.
+"""Kollsman's simulator: JSBSim flies an aircraft through weather, and a simulated autopilot sends
+MAVLink.
 
 Data path, in lockstep (`flight.Flight`)::
 
@@ -9,13 +9,14 @@ Data path, in lockstep (`flight.Flight`)::
                                                             ^
                                        commands, ALTITUDE --'
 
-Units, frames and names are those of `companion.__init__`. Two borders translate: ``aircraft.py``
-(JSBSim's feet and slugs) and ``telemetry.py`` with ``px4.py`` (MAVLink's integers).
+Units, frames and names are those of `companion.__init__`. Two places convert units: ``aircraft.py``
+(JSBSim's feet and slugs) and ``vehicle/ardupilot.py`` with ``px4.py`` (MAVLink's integers).
 
 Time
 ----
-Everything runs on simulated time: ``time_us`` counts from the vehicle's boot, in ticks of `TICK_US`. Nothing but the
-pacing in ``flight.py`` reads the host's clock, so the same seed gives the same bytes.
+Everything runs on simulated time: ``time_us`` counts from the vehicle's boot, in ticks of
+`TICK_US`. Nothing but the pacing in ``flight.py`` reads the host's clock, so the same seed gives
+the same bytes.
 """
 
 STEP_HZ = 200

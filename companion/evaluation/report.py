@@ -9,7 +9,7 @@ from companion.mavlink.codec import Message
 from companion.samples import Kind, Rows, Verdict
 
 SETTLE_S = 60.0
-"""the first minute is for every estimator to find its start"""
+"""time after the first sample whose errors do not count: estimators initialise"""
 
 
 class _Track:

@@ -124,10 +124,13 @@ class Recording:
         )
 
     def track(self, source: str) -> tuple[Array, Array]:
-        """(time_us, altitude_m), shape (n,) each, of "estimate", "baro", "gnss", "autopilot" or
-        "truth"; unknown altitudes are left out."""
-        if source == "estimate":
-            rows = self.ticks()["estimate"]
+        """(time_us, altitude_m), shape (n,) each, of "estimate", "published" (the estimate where it
+        was not lost), "baro", "gnss", "autopilot" or "truth"; unknown altitudes are left out."""
+        if source in ("estimate", "published"):
+            ticks = self.ticks()
+            rows = ticks["estimate"]
+            if source == "published":
+                rows = rows[np.asarray(ticks["health"]) != Health.LOST]
             times, values = rows["time_us"], rows["altitude_amsl_m"]
         elif source == "baro":
             rows = self.of(Kind.PRESSURE)

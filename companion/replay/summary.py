@@ -32,6 +32,7 @@ UNIX_US = 1_000_000_000_000_000
 """A stamp above this is UNIX time (2001 and later)."""
 SOURCES = {
     "estimate": "Kollsman",
+    "published": "Kollsman, not LOST",
     "autopilot": "autopilot's own",
     "gnss": "raw GNSS",
     "baro": "raw barometer",

@@ -1,7 +1,8 @@
 """A session in words: whose altitude was wrong, which sensor, and why. One sentence a finding.
 
 The words follow from the figures of `companion.replay.summary` alone, so that every page says the
-same. An altitude is called wrong beyond `WRONG_M` plus three standard deviations of the reference.
+same. Where the altitude is LOST none is sent, and none
+is wrong. An altitude is called wrong beyond `WRONG_M` plus three standard deviations of the reference.
 """
 
 import math
@@ -23,9 +24,11 @@ def verdict(found: dict[str, Any]) -> dict[str, Any]:
     limit_m = WRONG_M + 3.0 * sd_m
     sources = found["sources"]
     wrong = [
-        name for name in ("estimate", "autopilot") if _p95_without_datum(sources, name) > limit_m
+        name for name in ("published", "autopilot") if _p95_without_datum(sources, name) > limit_m
     ]
-    score_m = max((_p95_without_datum(sources, name) for name in sources), default=0.0)
+    score_m = max(
+        (_p95_without_datum(sources, name) for name in sources if name != "estimate"), default=0.0
+    )
     sentences = [*_altitude(found), *_wrong(found, wrong), *_barometer(found), *_gnss(found)]
     sentences += _exclusions(found)
     return {"wrong": wrong, "score_m": score_m, "verdict": " ".join(sentences)}
@@ -58,7 +61,7 @@ def _wrong(found: dict[str, Any], wrong: list[str]) -> list[str]:
     what = "truth" if found["reference"]["kind"] == "truth" else "the smoothed altitude"
     said = []
     for name in wrong:
-        whose = "Kollsman's altitude" if name == "estimate" else "The autopilot's own altitude"
+        whose = "Kollsman's altitude" if name == "published" else "The autopilot's own altitude"
         source = found["sources"][name]
         said.append(
             f"{whose} differed from {what} by up to {source['max_m']:.0f} m "

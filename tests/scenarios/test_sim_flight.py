@@ -278,7 +278,7 @@ def test_flying_into_the_ground_ends_the_flight(monkeypatch: pytest.MonkeyPatch)
 
 def test_a_flight_that_does_not_end_is_an_error() -> None:
     with pytest.raises(
-        SimulationError, match=r"'test' is not over after limit_s = 5 s: still 'Standing'"
+        SimulationError, match=r"'test' has not ended after limit_s = 5 s, in 'Standing'"
     ):
         Flight(scenario(limit_s=5.0)).run()
 

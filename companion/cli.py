@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from companion import live_cli, log_cli
+from companion import batch_cli, live_cli, log_cli
 from companion.common_cli import (
     ConfigOption,
     resolve_settings,
@@ -75,7 +75,7 @@ app.command(epilog=live_cli.RUN_EXAMPLES)(live_cli.run)
 
 app.command(epilog=log_cli.REPLAY_EXAMPLES)(log_cli.replay)
 app.command(epilog=log_cli.COMPARE_EXAMPLES)(log_cli.compare)
-app.command(epilog=log_cli.BATCH_EXAMPLES)(log_cli.batch)
+app.command(epilog=batch_cli.BATCH_EXAMPLES)(batch_cli.batch)
 
 
 def _tunable(estimator: str) -> "Callable[..., Any]":

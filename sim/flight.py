@@ -32,6 +32,7 @@ from sim.scenario import Scenario
 from sim.sensors.barometer import Barometer
 from sim.sensors.gnss import Fix, GnssReceiver
 from sim.sensors.imu import Imu
+from sim.sensors.thermometer import Thermometer
 from sim.vehicle.flavours import FLAVOURS, FlavourName
 from sim.vehicle.own_estimate import OwnEstimate
 from sim.vehicle.ports import Port
@@ -193,6 +194,8 @@ class Flight:
         self.barometer = Barometer(sensors.barometer, seed, baro_hz)
         self.gnss = GnssReceiver(sensors.gnss, seed, self.scenario.runway.elevation_m)
         self.imu = Imu(sensors.imu, seed)
+        fitted = sensors.thermometer.fitted
+        self.thermometer = Thermometer(sensors.thermometer, seed) if fitted else None
 
     # The loop
 
@@ -263,6 +266,8 @@ class Flight:
             self.vehicle.on_pressure(
                 self.barometer.measure(self.time_us, *self.aircraft.air(), flow)
             )
+        if self.thermometer is not None and self.time_us % self.thermometer.period_us == 0:
+            state.air_temperature_k = self.thermometer.measure(self.aircraft.air()[1])
         fix = self.gnss.deliver(self.time_us)
         if fix is not None:
             self.vehicle.on_fix(fix)

@@ -2,25 +2,26 @@
 
 Data path
 ---------
-bytes -> `Packet` (arrival time, data) -> frame -> message -> sample row -> estimator -> estimate row -> sinks.
-Live, replay, simulation and benchmark differ only in where the packets come from and in the clock, so the same
-bytes give the same estimates, bit for bit.
+bytes -> `Packet` (arrival time, data) -> frame -> message -> sample row -> estimator -> estimate
+row -> sinks. Live, replay, simulation and benchmark differ only in where the packets come from and
+in the clock, so the same bytes give the same estimates, bit for bit.
 
 Units
 -----
-SI everywhere; the suffix of a name is its unit: ``_m _mps _mps2 _radps _rad _deg _pa _k _s _us _hz``. A standard
-deviation is ``_sd_m``, a variance ``_var_m2``. Only three places convert units: ``mavlink/convert.py`` (MAVLink),
-``sim/aircraft.py`` (JSBSim) and ``config.py`` (YAML).
+SI everywhere; the suffix of a name is its unit: ``_m _mps _mps2 _radps _rad _deg _pa _k _s _us
+_hz``. A standard deviation is ``_sd_m``, a variance ``_var_m2``. Only three places convert units:
+``mavlink/convert.py`` (MAVLink), ``sim/aircraft.py`` (JSBSim) and ``config.py`` (YAML).
 
 Time
 ----
-An instant is an integer ``time_us``, microseconds of the sensor's (the vehicle's boot) clock; a duration is a float
-``_s``. ``arrival_us`` is when our host read the bytes (UNIX microseconds); no estimate depends on it.
+An instant is an integer ``time_us``, microseconds of the sensor's (the vehicle's boot) clock; a
+duration is a float ``_s``. ``arrival_us`` is when our host read the bytes (UNIX microseconds); no
+estimate depends on it.
 
 Frames
 ------
-``vec_b`` is forward-right-down, ``vec_n`` north-east-down, ``mat_nb`` takes b to n. The scalars altitude, height and
-climb are positive upwards.
+``vec_b`` is forward-right-down, ``vec_n`` north-east-down, ``mat_nb`` takes b to n. The scalars
+altitude, height and climb are positive upwards.
 
 Datums
 ------
@@ -33,8 +34,9 @@ Datums
 
 Names
 -----
-Unknown is NaN in rows; MAVLink's sentinels live in ``mavlink/convert.py`` alone. Paper letters (F H P Q R S K x z)
-appear only in ``kernels/kalman.py`` and ``estimators/``, with a map in the module's docstring.
+Unknown is NaN in rows; MAVLink's sentinels live in ``mavlink/convert.py`` alone. Paper letters (F H
+P Q R S K x z) appear only in ``kernels/kalman.py`` and ``estimators/``, with a map in the module's
+docstring.
 """
 
 __version__ = "0.1.0"

@@ -17,8 +17,8 @@ class Clock(Protocol):
 
 
 class SystemClock:
-    """The monotonic clock, set once to UNIX time, so that a later step of the wall clock (a Pi without
-    RTC) has no effect."""
+    """The monotonic clock, set once to UNIX time, so that a later step of the wall clock (a Pi
+    without RTC) has no effect."""
 
     def __init__(self) -> None:
         self._offset_ns = time.time_ns() - time.monotonic_ns()

@@ -10,8 +10,9 @@
      ├─ VehicleError     the link works, the vehicle does not    (no heartbeat, no barometer)
      └─ SimulationError  the simulated flight left reality       (non-finite state, below ground, bad scenario)
 
-Bad *data* (corrupt frames, absurd values, clock jumps) never raises: it is counted by reason, or becomes a
-`Verdict`. The command line catches `KollsmanError` once, prints one line and exits with 1.
+Bad *data* (corrupt frames, absurd values, clock jumps) never raises: it is counted by reason, or
+becomes a `Verdict`. The command line catches `KollsmanError` once, prints one line and exits with
+1.
 """
 
 

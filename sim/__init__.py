@@ -14,8 +14,9 @@ Units, frames and names are those of `companion.__init__`. Two places convert un
 
 Time
 ----
-Everything runs on simulated time: ``time_us`` counts from the vehicle's boot, in ticks of `TICK_US`. Nothing but the
-pacing in ``flight.py`` reads the host's clock, so the same seed gives the same bytes.
+Everything runs on simulated time: ``time_us`` counts from the vehicle's boot, in ticks of
+`TICK_US`. Nothing but the pacing in ``flight.py`` reads the host's clock, so the same seed gives
+the same bytes.
 """
 
 STEP_HZ = 200

@@ -1,5 +1,5 @@
-"""A JSBSim aircraft in SI units. Only this file uses JSBSim's property names, feet, pounds and degrees
-Rankine.
+"""A JSBSim aircraft in SI units. Only this file uses JSBSim's property names, feet, pounds and
+degrees Rankine.
 
 Height is JSBSim's geodetic height, which the simulator takes as height above mean sea level (the
 geoid enters with the GNSS receiver's undulation). Pressure and temperature come from JSBSim's own
@@ -33,8 +33,8 @@ _TIPPED, _TIPPED_M = math.cos(math.radians(24.0)), 0.5
 """Tilt (24 degrees) and height above the rest height (m) at which a wing tip, the nose or the tail
 touches the ground; rotation and touchdown need 11 degrees."""
 _ALOFT_ALPHA_DEG = 3.0
-"""Initial angle of attack aloft. It is close to every aircraft's angle at cruise; the autopilot trims
-the rest within seconds."""
+"""Initial angle of attack aloft. It is close to every aircraft's angle at cruise; the autopilot
+trims the rest within seconds."""
 
 
 class Aircraft:
@@ -55,8 +55,8 @@ class Aircraft:
         aloft: tuple[float, float] | None = None,
         seed: int = 0,
     ) -> None:
-        """`aloft` is the altitude AMSL (m) and the calibrated airspeed (m/s) at which a flight begins
-        above the runway; None begins on the runway."""
+        """`aloft` is the altitude AMSL (m) and the calibrated airspeed (m/s) at which a flight
+        begins above the runway; None begins on the runway."""
         if model not in MODELS:
             raise SimulationError(f"no aircraft '{model}': there are {', '.join(sorted(MODELS))}")
         self._ground_m = field_elevation_m
@@ -146,7 +146,8 @@ class Aircraft:
         )
 
     def control(self, controls: Controls) -> None:
-        """Set the controls. Those that change rarely are written only on a change: a write costs 0.1 us."""
+        """Set the controls. Those that change rarely are written only on a change: a write costs
+        0.1 us."""
         elevator, aileron, rudder, throttle, *others = controls
         self._stick[0](-elevator)  # JSBSim's elevator is positive trailing edge down
         self._stick[1](aileron)
@@ -162,7 +163,8 @@ class Aircraft:
     # Weather. It acts on the next step.
 
     def set_air(self, sea_level_pressure_pa: float, temperature_offset_k: float) -> None:
-        """Sea-level pressure, and the deviation of the whole column from the standard temperature."""
+        """Sea-level pressure, and the deviation of the whole column from the standard
+        temperature."""
         self._set_air[0](sea_level_pressure_pa / _PSF)
         self._set_air[1](temperature_offset_k * _RANKINE_PER_K)
 
@@ -235,8 +237,8 @@ class Aircraft:
     # Time
 
     def settle(self, duration_s: float = 10.0) -> None:
-        """Run the dynamics with brakes on until wheels and idling engine are at rest, then set the time
-        to zero. A flight that begins aloft needs no settling."""
+        """Run the dynamics with brakes on until wheels and idling engine are at rest, then set the
+        time to zero. A flight that begins aloft needs no settling."""
         if self._aloft is not None:
             return
         self.control(Controls(brake=1.0))

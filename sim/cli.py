@@ -253,7 +253,8 @@ def corrupt(
         bool, typer.Option("--list", help="List the faults and their parameters.")
     ] = False,
 ) -> None:
-    """Copy a log and inject faults: lost, late or reordered packets, failed sensors, clock jumps."""
+    """Copy a log and inject faults: lost, late or reordered packets, failed sensors, clock
+    jumps."""
     if show:
         _print_faults()
         return
@@ -318,7 +319,8 @@ def reproduce(
         Path, typer.Option(help="Folder of the pages and figures.", metavar="DIR")
     ] = Path("out/papers"),
 ) -> None:
-    """Repeat the simulations of the five papers and compare the estimators with the printed results."""
+    """Repeat the simulations of the five papers and compare the estimators with the printed
+    results."""
     from rich.console import Console
     from rich.progress import Progress as ProgressBar
 

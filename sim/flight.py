@@ -3,8 +3,8 @@
     flight = Flight(load_scenario("short-hop"), tlog=Path("hop.tlog"))
     summary = flight.run()
 
-The order within a tick: weather, dynamics, truth, sensors, autopilot, received bytes, sent messages.
-Only `run` reads the host's clock, and only to wait.
+The order within a tick: weather, dynamics, truth, sensors, autopilot, received bytes, sent
+messages. Only `run` reads the host's clock, and only to wait.
 """
 
 import contextlib
@@ -43,13 +43,15 @@ MOTION_US = 1_000_000 // UPDATE_HZ
 """interval of truth, autopilot and the fastest IMU: every second tick"""
 _WEATHER_US = 100_000
 _STRAYED_M = 200.0
-"""largest distance from the altitude of a hold; gusts, waves and turns of the given scenarios reach 60 m"""
+"""largest distance from the altitude of a hold; gusts, waves and turns of the given scenarios reach
+60 m"""
 _LIFTED_M = 3.0
 """height of the centre of gravity that no parked aircraft has; on the wheels it is at most 1.7 m"""
 _LATE_S = 0.5
 """Delay behind real time above which the flight does not catch up."""
 _READS_PER_TICK = 32
-"""Largest number of datagrams that a link reads in a tick, so that a flood does not stop the flight."""
+"""Largest number of datagrams that a link reads in a tick, so that a flood does not stop the
+flight."""
 _REPORT_US = 1_000_000
 _AIRBORNE = (Mode.AIRSPEED, Mode.ALTITUDE, Mode.APPROACH)
 """modes in which the aircraft must not touch the ground"""
@@ -293,7 +295,8 @@ class Flight:
             )
 
     def _check_altitude(self, truth: Truth, target: Target) -> None:
-        """Raise `SimulationError` if a hold loses its altitude: fly-by-wire sinks instead of stalling."""
+        """Raise `SimulationError` if a hold loses its altitude: fly-by-wire sinks instead of
+        stalling."""
         if abs(truth.altitude_amsl_m - target.altitude_amsl_m) > _STRAYED_M:
             bank_deg = abs(math.degrees(truth.roll_rad))
             raise SimulationError(
@@ -347,7 +350,8 @@ class Flight:
     # Where telemetry goes
 
     def _delivery(self, link: Link | None) -> Callable[[bytes], bool]:
-        """The delivery of a port's frames to `link`, or to the log, through the scenario's faults."""
+        """The delivery of a port's frames to `link`, or to the log, through the scenario's
+        faults."""
         deliver = self._log if link is None else link.send
         if not self.scenario.faults:
             return deliver

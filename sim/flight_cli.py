@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
 
 class DemoTable:
-    """Prints one line each half simulated minute: the truth, and the altitude and error of each source."""
+    """Prints one line each half simulated minute: the truth, and the altitude and error of each
+    source."""
 
     PERIOD_S = 30
 

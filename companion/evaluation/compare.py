@@ -35,8 +35,8 @@ class Result:
     bias_m: float = math.nan
     unbiased_rmse_m: float = math.nan
     takeoff_rmse_m: float = math.nan
-    """RMSE of the height above take-off: the source's own, or its altitude since arming or the first
-    climb, m"""
+    """RMSE of the height above take-off: the source's own, or its altitude since arming or the
+    first climb, m"""
     climb_rmse_mps: float = math.nan
     nees: float = math.nan
     """mean of (error / reported standard deviation)^2: 1 is consistent, more is overconfident"""
@@ -88,7 +88,8 @@ class Comparison:
     """arrival time before which errors do not count"""
 
     def errors_of(self, series: Series) -> tuple[NDArray[np.bool_], Array]:
-        """Whether each altitude counts (late enough), shape (n,), and the errors of those that do."""
+        """Whether each altitude counts (late enough), shape (n,), and the errors of those that
+        do."""
         late = series.times_us >= self.start_us
         return late, series.altitude_m[late] - truth_at(
             series.times_us[late], self.truth_us, self.truth_m

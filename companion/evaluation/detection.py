@@ -30,7 +30,8 @@ class Detection:
     delay_s: float
     """time from the onset until the right sensor is named, s"""
     since_error_s: float
-    """reported onset (``faulty_since_us``) when the sensor is first named, minus the true onset, s"""
+    """reported onset (``faulty_since_us``) when the sensor is first named, minus the true onset,
+    s"""
     named_share: float
     """share of the estimates during the fault that name the right sensor"""
     wrong_share: float

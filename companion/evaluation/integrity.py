@@ -7,8 +7,8 @@ correlation time of the slow GNSS error, over which the allocated rate
 
 The Stanford diagram (Tossaint et al., "The Stanford - ESA integrity diagram", 2007) sets |error|
 against level. Above the diagonal the level holds; below it the level is misleading. A level beyond
-the alert limit makes the system unavailable; an error beyond it with a level within it is hazardously
-misleading.
+the alert limit makes the system unavailable; an error beyond it with a level within it is
+hazardously misleading.
 """
 
 import math
@@ -29,8 +29,8 @@ ALERT_LIMIT_M = 50.0
 
 @dataclass(frozen=True)
 class Coverage:
-    """Shares of |error| <= 1, 2, 3 standard deviations (a consistent Gaussian: .683, .954, .997), and
-    the mean of (error / standard deviation)^2; NaN of an empty series."""
+    """Shares of |error| <= 1, 2, 3 standard deviations (a consistent Gaussian: .683, .954, .997),
+    and the mean of (error / standard deviation)^2; NaN of an empty series."""
 
     within_1: float
     within_2: float
@@ -77,8 +77,8 @@ class Regions:
 
 
 def coverage(error_m: Array, sd_m: Array) -> Coverage:
-    """Coverage of errors by reported standard deviations, shape (n,) each; pairs with a NaN are left
-    out."""
+    """Coverage of errors by reported standard deviations, shape (n,) each; pairs with a NaN are
+    left out."""
     normal = np.abs(error_m / sd_m)
     normal = normal[np.isfinite(normal)]
     if not normal.size:
@@ -88,8 +88,8 @@ def coverage(error_m: Array, sd_m: Array) -> Coverage:
 
 
 def protection(times_s: Array, error_m: Array, level_m: Array) -> Protection | None:
-    """Exceedances of a series in order of time, shape (n,) each. Samples with a NaN are left out; None
-    if none is left."""
+    """Exceedances of a series in order of time, shape (n,) each. Samples with a NaN are left out;
+    None if none is left."""
     known = np.isfinite(error_m) & np.isfinite(level_m)
     if not known.any():
         return None

@@ -56,7 +56,8 @@ def samples_of(
     settings: CompanionSettings | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> SampleLog:
-    """The samples of a log, with the vehicle clock and plausibility check of live ones. Raises `LogFormatError`.
+    """The samples of a log, with the vehicle clock and plausibility check of live ones. Raises
+    `LogFormatError`.
 
     `on_progress` is called with the fraction read.
     """

@@ -7,8 +7,8 @@ A packet is one whole frame. A fault edits the frames of one component (the auto
 correct checksum, and leaves all other frames and their sequence numbers unchanged. Its random
 numbers depend on its seed and the packet alone, so a live run and its log get the same fault.
 
-`FAULTS` drives the scenario files, the command ``kollsman-sim corrupt`` and its list. A new fault is
-a class and its name in `AnyFault`.
+`FAULTS` drives the scenario files, the command ``kollsman-sim corrupt`` and its list. A new fault
+is a class and its name in `AnyFault`.
 """
 
 import difflib
@@ -109,8 +109,8 @@ class FaultChain:
         return packets
 
     def due(self, time_us: float) -> list[Packet]:
-        """Delayed packets that are due at `time_us`. A live link calls this in every tick; ``math.inf``
-        at the end returns all of them."""
+        """Delayed packets that are due at `time_us`. A live link calls this in every tick;
+        ``math.inf`` at the end returns all of them."""
         packets: list[Packet] = []
         if self._holds:
             for stage in self._stages:

@@ -1,4 +1,5 @@
-"""What all faults share: their parameters, keyed random numbers, and the queue of delayed packets."""
+"""What all faults share: their parameters, keyed random numbers, and the queue of delayed
+packets."""
 
 import hashlib
 import heapq
@@ -129,8 +130,8 @@ class DelayQueue:
 
 
 class Fault(Settings):
-    """Parameters that all faults have. The first line of a subclass is its help text, and its fields
-    are its parameters."""
+    """Parameters that all faults have. The first line of a subclass is its help text, and its
+    fields are its parameters."""
 
     start_s: Seconds = 0.0
     """time from the first packet of the stream to the start of the fault"""
@@ -146,7 +147,8 @@ class Fault(Settings):
 
     @property
     def faulty_sensor(self) -> FaultySensor:
-        """The sensor that the fault makes wrong, as in the estimates' field ``faulty``; NONE if none."""
+        """The sensor that the fault makes wrong, as in the estimates' field ``faulty``; NONE if
+        none."""
         return FaultySensor.NONE
 
     def effect(self, random: KeyedRandom) -> Effect:

@@ -59,8 +59,8 @@ class _Reboot(Effect):
     def __init__(self, silence_us: int) -> None:
         self._silence_us = silence_us
         self._ahead_us: int | None = None
-        """largest difference between the boot clock and the time since the fault began, which is the
-        one of a packet without latency"""
+        """largest difference between the boot clock and the time since the fault began, which is
+        the one of a packet without latency"""
         self._sequence = 0
 
     def feed(self, packet: Packet, context: PacketContext) -> Iterable[Packet]:

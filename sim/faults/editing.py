@@ -1,9 +1,9 @@
 """Edits the fields of a frame by name, in MAVLink's units, and seals it with the right length and
 checksum.
 
-Fields that are not edited keep their bytes, as do sender, sequence number and flags. An edited frame
-is unsigned, because the key of its signature is unknown. The zeros at the end of a MAVLink 2 payload
-are cut off, as the protocol requires.
+Fields that are not edited keep their bytes, as do sender, sequence number and flags. An edited
+frame is unsigned, because the key of its signature is unknown. The zeros at the end of a MAVLink 2
+payload are cut off, as the protocol requires.
 """
 
 from functools import cache
@@ -70,8 +70,8 @@ def layout(message_id: int) -> _Layout | None:
 
 
 class Editor:
-    """One frame under edit, of a message that the dialect has. Integer fields are rounded and limited
-    to their range."""
+    """One frame under edit, of a message that the dialect has. Integer fields are rounded and
+    limited to their range."""
 
     def __init__(self, data: bytes, message_id: int) -> None:
         found = layout(message_id)

@@ -1,4 +1,5 @@
-"""Faults of the first GNSS receiver (GPS_RAW_INT): outage, 2D fix, jamming, spoofing, sliding fix."""
+"""Faults of the first GNSS receiver (GPS_RAW_INT): outage, 2D fix, jamming, spoofing, sliding
+fix."""
 
 import math
 from collections.abc import Iterable
@@ -78,8 +79,8 @@ class Outage(ReceiverFault):
 
 
 class Jamming(ReceiverFault):
-    """A jammer approaches and leaves: fewer satellites, noise, reported accuracy that grows with it,
-    and no fix near its full strength."""
+    """A jammer approaches and leaves: fewer satellites, noise, reported accuracy that grows with
+    it, and no fix near its full strength."""
 
     announced: ClassVar[bool] = True
 
@@ -89,7 +90,8 @@ class Jamming(ReceiverFault):
     ramp_s: Span = 30.0
     """time in which the jamming rises to full strength, and in which it falls"""
     noise_m: Annotated[float, Field(ge=0.0, le=10_000.0)] = 30.0
-    """standard deviation of the height error just before the fix is lost; half of it horizontally"""
+    """standard deviation of the height error just before the fix is lost; half of it
+    horizontally"""
     blind_above: Annotated[float, Field(gt=0.0, le=1.0)] = 0.8
     """share of the full strength at which the fix is lost, 0 to 1"""
 
@@ -190,8 +192,8 @@ class _TwoDimensional(Effect):
 
 
 class Slide(ReceiverFault):
-    """A 3D fix has an error of hundreds of metres that decreases to zero; its reported accuracy shows
-    the error."""
+    """A 3D fix has an error of hundreds of metres that decreases to zero; its reported accuracy
+    shows the error."""
 
     announced: ClassVar[bool] = True
 

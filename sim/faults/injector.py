@@ -7,8 +7,8 @@ from sim.faults import Fault, FaultChain
 
 
 class FaultInjector:
-    """Replaces the delivery of a port: takes frames, applies faults, and delivers packets with their
-    arrival times."""
+    """Replaces the delivery of a port: takes frames, applies faults, and delivers packets with
+    their arrival times."""
 
     def __init__(
         self,

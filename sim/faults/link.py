@@ -1,7 +1,7 @@
 """Faults of the link: packets lost, late, duplicated or reordered. The frames are not changed.
 
-SIM_STATE has no time stamp; its time is that of the frame before it, so the truth is lost or delayed
-with that frame.
+SIM_STATE has no time stamp; its time is that of the frame before it, so the truth is lost or
+delayed with that frame.
 """
 
 from collections.abc import Iterable
@@ -26,8 +26,8 @@ class LinkFault(Fault):
     """Parameters of all faults of the link."""
 
     message: str = ""
-    """name of the only message that the fault affects, with the truth that follows it; empty is every
-    message"""
+    """name of the only message that the fault affects, with the truth that follows it; empty is
+    every message"""
 
     @field_validator("message")
     @classmethod

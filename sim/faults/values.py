@@ -48,7 +48,8 @@ class Quantity(NamedTuple):
 
 
 class PressureAltitude(Quantity):
-    """Pressure as metres of the standard atmosphere's troposphere; a greater height is a lower pressure."""
+    """Pressure as metres of the standard atmosphere's troposphere; a greater height is a lower
+    pressure."""
 
     def shift(self, message: Editor, by: float) -> None:
         for name, size in self.fields[message.message_id]:
@@ -106,7 +107,8 @@ def _owner(quantity: str) -> FaultySensor:
 
 
 def _holds(message: Editor, name: str) -> bool:
-    """Whether a field holds a value: there is a fix, an extension was sent, and it is no sentinel."""
+    """Whether a field holds a value: there is a fix, an extension was sent, and it is no
+    sentinel."""
     if message.message_id == GPS:
         return bool(message["fix_type"] >= 2 and (name == "alt" or message[name] not in (0, 65535)))
     return True
@@ -253,8 +255,8 @@ class SwappedUnits(Fault):
 
 
 class BlockedStaticPort(Fault):
-    """Ice or tape blocks the static port: the pressure stays constant or follows through a leak; the
-    sensor's noise continues."""
+    """Ice or tape blocks the static port: the pressure stays constant or follows through a leak;
+    the sensor's noise continues."""
 
     fault: Literal["blocked_static_port"] = "blocked_static_port"
     leak_s: Annotated[float, Field(gt=0.0, le=1e5)] | None = None
@@ -285,7 +287,8 @@ class _BlockedPort(Effect):
     def __init__(self, leak_s: float | None) -> None:
         self._leak_s = leak_s
         self._state: dict[int, tuple[int, float, float, float]] = {}
-        """message id -> time of the last reading, outside pressure, its rate, inside pressure (hPa)"""
+        """message id -> time of the last reading, outside pressure, its rate, inside pressure
+        (hPa)"""
 
     def feed(self, packet: Packet, context: PacketContext) -> Iterable[Packet]:
         message = Editor(packet.data, context.message_id)

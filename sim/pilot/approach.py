@@ -35,7 +35,8 @@ _BRAKE = 0.4
 
 @dataclass(frozen=True)
 class LandingSite:
-    """The runway: its threshold, and the height of the aircraft's centre of gravity on the wheels."""
+    """The runway: its threshold, and the height of the aircraft's centre of gravity on the
+    wheels."""
 
     latitude_deg: float
     longitude_deg: float

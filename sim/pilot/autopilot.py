@@ -172,7 +172,8 @@ class Autopilot:
         self._throttle = _ALOFT_THROTTLE
 
     def _enter(self, mode: Mode, truth: Truth) -> None:
-        """Change the mode without a step: the new law starts from the pitch that the old one commanded."""
+        """Change the mode without a step: the new law starts from the pitch that the old one
+        commanded."""
         self._mode = mode
         self._path_pitch = self._pitch_command
         self._sum_throttle = self._throttle
@@ -313,7 +314,8 @@ class Autopilot:
         return _clamp(surface * self._effectiveness(), -1.0, 1.0)
 
     def _effectiveness(self) -> float:
-        """Factor of the surface deflections above the dynamic pressure at which the gains were tuned."""
+        """Factor of the surface deflections above the dynamic pressure at which the gains were
+        tuned."""
         if self._airspeed_mps <= self.gains.full_surface_mps:
             return 1.0
         return (self.gains.full_surface_mps / self._airspeed_mps) ** 2

@@ -50,7 +50,8 @@ class TakeOff(Settings):
 
 
 class Climb(Flown):
-    """Climb to an altitude at full power and an airspeed or, with a rate, at that vertical speed."""
+    """Climb to an altitude at full power and an airspeed or, with a rate, at that vertical
+    speed."""
 
     leg: Literal["climb"]
     altitude_amsl_m: Altitude
@@ -69,8 +70,8 @@ class Hold(Flown):
 
 
 class Descend(Flown):
-    """Descend to an altitude at a vertical speed and level off. Speed brakes extend when the airspeed
-    is too high."""
+    """Descend to an altitude at a vertical speed and level off. Speed brakes extend when the
+    airspeed is too high."""
 
     leg: Literal["descend"]
     altitude_amsl_m: Altitude
@@ -103,7 +104,8 @@ class Land(Settings):
 Leg = Annotated[Wait | TakeOff | Climb | Hold | Descend | Glide | Land, Field(discriminator="leg")]
 
 CAPTURE_M = 4.0
-"""Distance from its altitude at which a climb or descent ends; the hold that follows removes the rest."""
+"""Distance from its altitude at which a climb or descent ends; the hold that follows removes the
+rest."""
 
 
 class Profile:

@@ -48,7 +48,8 @@ class StallWatch:
             )
 
     def _enough_mps(self, truth: Truth) -> float:
-        """Airspeed at which the lift, proportional to its square, equals that which the bank needs."""
+        """Airspeed at which the lift, proportional to its square, equals that which the bank
+        needs."""
         carried = max(self._aircraft.flow().load, _KNIFE_EDGE)
         asked = 1.0 / max(math.cos(truth.roll_rad), _KNIFE_EDGE)
         return truth.airspeed_mps * math.sqrt(max(asked / carried, 1.0))

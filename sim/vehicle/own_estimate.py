@@ -36,7 +36,7 @@ class EstimateConfig(SensorConfig):
 
 
 class Position(NamedTuple):
-    """Where the vehicle believes to be."""
+    """The vehicle's own estimate of its position and velocity."""
 
     latitude_deg: float
     longitude_deg: float

@@ -37,7 +37,8 @@ STANDARD_HPA = 1013.25
 _EARTH_M_PER_DEG = 111_319.49
 _NO_CORIOLIS_DEG = 10.0
 _RESOLVE_K = 5e-4
-"""Change of the temperature offset below which the column is not integrated again: 0.04 Pa at 2400 m."""
+"""Change of the temperature offset below which the column is not integrated again: 0.04 Pa at 2400
+m."""
 _RESOLVE_HUMIDITY = 2.5e-4
 """Change of the humidity below which the column is not integrated again; as much at 15 C"""
 
@@ -146,7 +147,8 @@ class TrueAir(NamedTuple):
     """True values of the air at the aircraft."""
 
     qnh_pa: float
-    """altimeter setting that shows the elevation on a field below the aircraft as high as the runway, Pa"""
+    """altimeter setting that shows the elevation on a field below the aircraft as high as the
+    runway, Pa"""
     sea_level_pa: float
     """sea-level pressure of the column at the aircraft (QFF), Pa; it differs from the QNH by the
     temperature of the air below the field"""
@@ -206,7 +208,8 @@ class Weather:
         )
 
     def at(self, time_s: float) -> tuple[float, float]:
-        """Sea-level pressure (Pa) and temperature deviation (K) of the ramps, without the fields."""
+        """Sea-level pressure (Pa) and temperature deviation (K) of the ramps, without the
+        fields."""
         return self._pressure_hpa(time_s) * 100.0, self._offset_k(time_s)
 
     def update(self, time_s: float) -> None:

@@ -1,4 +1,5 @@
-"""Weather that depends on place and time: fronts, gradients, the day's course, gusts, mountain waves.
+"""Weather that depends on place and time: fronts, gradients, the day's course, gusts, mountain
+waves.
 
 Each field is a section of a scenario. Its method `at` returns the change at a place and time; the
 changes of all fields add up.
@@ -84,8 +85,8 @@ class Front(Settings):
     """
 
     kind: Literal["cold", "warm"] = "cold"
-    """kind of front; it sets the defaults of cold or warm: width 8 or 40 km, trough 2 or 1 hPa, step
-    +3 or -3 hPa and -8 or +6 K"""
+    """kind of front; it sets the defaults of cold or warm: width 8 or 40 km, trough 2 or 1 hPa,
+    step +3 or -3 hPa and -8 or +6 K"""
     from_deg: Direction = 270.0
     """true direction from which the front comes, or in which it stands"""
     distance_m: Distance = 30_000.0
@@ -175,7 +176,8 @@ class Gradient(Settings):
 
 
 class Diurnal(Settings):
-    """The course of a day: temperature highest at 15 h, atmospheric tide highest at 10 h and 22 h."""
+    """The course of a day: temperature highest at 15 h, atmospheric tide highest at 10 h and 22
+    h."""
 
     start_h: Annotated[float, Field(ge=0.0, lt=24.0)] = 9.0
     """local solar time of the boot"""

@@ -170,8 +170,8 @@ def parse(lines: tuple[str, ...]) -> list[Report]:
 
 
 def _wind(speed_mps: float | None, from_deg: float | None) -> tuple[float, float] | None:
-    """Wind towards north and east, m/s. None if it was not measured, or is variable and above 3 m/s; a
-    weaker variable wind is calm."""
+    """Wind towards north and east, m/s. None if it was not measured, or is variable and above 3
+    m/s; a weaker variable wind is calm."""
     if speed_mps is None:
         return None
     if from_deg is None:

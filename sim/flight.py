@@ -196,8 +196,7 @@ class Flight:
         self.barometer = Barometer(sensors.barometer, seed, baro_hz)
         self.gnss = GnssReceiver(sensors.gnss, seed, self.scenario.runway.elevation_m)
         self.imu = Imu(sensors.imu, seed)
-        fitted = sensors.thermometer.fitted
-        self.thermometer = Thermometer(sensors.thermometer, seed) if fitted else None
+        self.thermometer = Thermometer(sensors.thermometer, seed)
 
     # The loop
 
@@ -265,10 +264,9 @@ class Flight:
             self._motion()
         if self.time_us % self.barometer.period_us == 0:
             flow = self.aircraft.flow() if self.barometer.feels_flow else None
-            self.vehicle.on_pressure(
-                self.barometer.measure(self.time_us, *self.aircraft.air(), flow)
-            )
-        if self.thermometer is not None and self.time_us % self.thermometer.period_us == 0:
+            reading = self.barometer.measure(self.time_us, *self.aircraft.air(), flow)
+            self.vehicle.on_pressure(reading)
+        if self.time_us % self.thermometer.period_us == 0:
             state.air_temperature_k = self.thermometer.measure(self.aircraft.air()[1])
         fix = self.gnss.deliver(self.time_us)
         if fix is not None:
@@ -277,8 +275,7 @@ class Flight:
                 self._on_fix(fix)
         for link, port in self._links:
             for _ in range(_READS_PER_TICK):
-                data = link.receive(0.0)
-                if not data:
+                if not (data := link.receive(0.0)):
                     break
                 self._received_bytes += len(data)
                 self.vehicle.receive(port, data)

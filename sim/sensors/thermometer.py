@@ -44,7 +44,10 @@ class Thermometer:
         self._probe_k = math.nan
 
     def measure(self, temperature_k: float) -> float:
-        """The reading of the true air temperature, K. Call it every `period_us`."""
+        """The reading of the true air temperature, K; NaN when no probe is fitted. Call it every
+        `period_us`."""
+        if not self.config.fitted:
+            return math.nan
         if math.isnan(self._probe_k):
             self._probe_k = temperature_k
         self._probe_k += self._follow * (temperature_k - self._probe_k)

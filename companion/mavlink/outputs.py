@@ -85,7 +85,10 @@ class PublishSettings(Settings):
 
 
 class Schedule:
-    """Slots of vehicle time: the first update after a slot falls due takes it. There is no timer."""
+    """Slots of vehicle time: the first update after a slot falls due takes it. There is no timer.
+
+    An update a tenth of a period early takes it too: stamps of a stream at this very rate jitter.
+    """
 
     def __init__(self, rate_hz: float) -> None:
         self._period_us = round(1e6 / rate_hz)
@@ -94,12 +97,15 @@ class Schedule:
     def takes(self, now_us: int) -> bool:
         """Whether an update at `now_us` is due; if so its slot is used up. A clock that went back
         starts anew."""
-        due_us = self._due_us
-        if due_us is None or now_us >= due_us or now_us < due_us - 2 * self._period_us:
-            behind = due_us is None or now_us >= due_us + self._period_us or now_us < due_us
-            self._due_us = (now_us if behind or due_us is None else due_us) + self._period_us
+        due_us, early_us = self._due_us, self._period_us // 10
+        if due_us is None:
+            self._due_us = now_us + self._period_us
             return True
-        return False
+        if due_us - 2 * self._period_us <= now_us < due_us - early_us:
+            return False
+        is_on_grid = -early_us <= now_us - due_us < self._period_us
+        self._due_us = (due_us if is_on_grid else now_us) + self._period_us
+        return True
 
 
 class Monotonic:
@@ -250,6 +256,8 @@ class Outputs:
     def sample(self, kind: Kind, row: Rows, verdict: Verdict, estimate: Rows) -> None:
         """Follow a sample and its verdict."""
         value = row[0]
+        if verdict is Verdict.STALE:
+            return  # a late copy
         if kind is Kind.PRESSURE:
             pressure_pa = float(value["pressure_pa"])
             if verdict is Verdict.USED and self.monotonic.update(

@@ -1,5 +1,7 @@
 """Section ``intake`` of the configuration."""
 
+from typing import Literal
+
 from pydantic import Field
 
 from companion.config import Settings
@@ -12,10 +14,13 @@ class IntakeSettings(Settings):
     """age of a GNSS height when the autopilot stamps it: receivers of the u-blox class take 0.1 to
     0.2 s"""
     reorder_s: float = Field(2.0, gt=0, le=10)
-    """a stamp that is this far from the newest one, either way, is a restart, a gap or damaged: it
-    needs a witness"""
+    """a stamp that is this many seconds ahead of the newest one is a gap or damaged: a second
+    consistent stamp is required"""
+    late_s: float = Field(10.0, gt=0, le=60)
+    """a stamp that is this many seconds behind the newest one is a late copy over a second path; a
+    stamp further behind is a reboot or damaged: a second consistent stamp is required"""
     gap_s: float = Field(10.0, gt=0, le=3600)
-    """how soon after such a stamp a second one must agree with it"""
+    """seconds of the vehicle's clock within which a second stamp must follow such a one"""
     datum_limit_m: float = Field(700.0, gt=0, le=10_000)
     """barometer and GNSS may differ by this, more than twice what the deepest low can do, ..."""
     datum_limit_ratio: float = Field(0.15, ge=0, le=1)
@@ -27,3 +32,9 @@ class IntakeSettings(Settings):
     """a fix that admits more than this accuses nobody"""
     step_limit_m: float = Field(60.0, gt=0, le=10_000)
     """barometer and GNSS may move apart by this at once, beyond what speed and accuracy explain"""
+    air_temperature: Literal["hygrometer", "airspeed", "imu", "none"] = "hygrometer"
+    """Source of the air temperature: HYGROMETER_SENSOR, a probe in the air; airspeed is
+    SCALED_PRESSURE.temperature_press_diff, the sensor behind a pitot tube; imu is
+    HIGHRES_IMU.temperature, a die 10-30 K above the air (give air_temperature_excess_k)."""
+    air_temperature_excess_k: float = Field(0.0, ge=-20, le=60)
+    """Excess of that temperature over the air's, K: it is subtracted."""

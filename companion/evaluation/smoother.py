@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.evaluation.metrics import Array
-from companion.kernels.atmosphere import baro_altitude_array
+from companion.kernels.atmosphere import G0_MPS2, baro_altitude_array
 from companion.samples import Kind, SampleLog
 
 STEP_S = 0.5
@@ -53,7 +53,6 @@ BARO_WHITE_M, JITTER_S = 0.7, 0.3
 LEAST_GNSS_SD_M = 1.0
 GATE = 5.0
 """innovations beyond this many standard deviations are left out"""
-G0 = 9.80665
 
 
 @dataclass(frozen=True)
@@ -159,7 +158,7 @@ def _nodes(measured: Measured) -> _Nodes | None:
     known = np.isfinite(baro_m)
     filled_m = np.interp(time_s, time_s[known], baro_m[known])
     rate_mps = np.gradient(filled_m, STEP_S) if count > 1 else np.zeros(count)
-    return _Nodes(time_s, baro_m, baro_count, gnss_m, gnss_sd_m, speed**2 / (2 * G0), rate_mps)
+    return _Nodes(time_s, baro_m, baro_count, gnss_m, gnss_sd_m, speed**2 / (2 * G0_MPS2), rate_mps)
 
 
 def _mean(values: Any, time_us: Any, start_s: float, count: int) -> tuple[Array, Array]:

@@ -90,6 +90,7 @@ def _options(
 
 
 app.command(epilog=live_cli.RUN_EXAMPLES)(live_cli.run)
+app.command(epilog=live_cli.DOCTOR_EXAMPLES)(live_cli.doctor)
 
 
 @app.command(epilog=REPLAY_EXAMPLES)

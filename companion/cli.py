@@ -132,7 +132,7 @@ def replay(
         writer = stack.enter_context(TlogWriter(out)) if out else None
         started_s = time.perf_counter()
         for time_us, frame in _with_progress(reader, pipeline.wanted, log.name):
-            sent = pipeline.feed_frame(frame, time_us)
+            sent = pipeline.feed_item(frame, time_us)
             if writer is not None:
                 if not pipeline.heard_ourselves:  # of an earlier run: these are replaced
                     writer.write(time_us, frame.data)
@@ -336,7 +336,7 @@ def _bar(name: str, total: float) -> "Iterator[Callable[[float], None]]":
 
 def _with_progress(reader: "LogReader", wanted: "frozenset[int]", name: str) -> Iterator[Any]:
     with _bar(name, reader.size_bytes) as advance:
-        for count, timed_frame in enumerate(reader.frames_of(wanted)):
+        for count, timed_frame in enumerate(reader.items(wanted)):
             if count % 2000 == 0:
                 advance(reader.position_bytes)
             yield timed_frame

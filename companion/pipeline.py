@@ -16,6 +16,7 @@ from companion.mavlink.codec import Decoder, Encoder, Frame, Message, mavlink
 from companion.mavlink.identity import Identity, Origin
 from companion.mavlink.imu import ImuSelector
 from companion.mavlink.outputs import Outputs, heartbeat
+from companion.recorded import Item, Sensed
 from companion.samples import Kind, Packet, Rows, Verdict
 from companion.settings import CompanionSettings
 
@@ -143,9 +144,15 @@ class Pipeline:
         """Take in a packet; the frames to send because of it."""
         return self._take(self.decoder.feed(packet.data), packet.time_us)
 
-    def feed_frame(self, frame: Frame, arrival_us: int) -> list[bytes]:
-        """Take in a frame that a log's reader has found; the frames to send because of it."""
-        return self._take([frame], arrival_us)
+    def feed_item(self, item: Item, arrival_us: int) -> list[bytes]:
+        """Take in what a log's reader has found; the frames to send because of it."""
+        if isinstance(item, Frame):
+            return self._take([item], arrival_us)
+        self.frames = []
+        if isinstance(item, Sensed):
+            return self._reading(item.reading, item.source, arrival_us)
+        self._compare(item.is_truth, item[1:])
+        return []
 
     def flush(self, arrival_us: int) -> list[bytes]:
         """The line fell silent: give up on a half-received frame."""

@@ -64,8 +64,8 @@ def samples_of(
     tap = _Tap()
     pipeline = _Sampler(settings or CompanionSettings(), tap)
     reader = open_log(path)
-    for count, (time_us, frame) in enumerate(reader.frames_of(pipeline.wanted)):
-        pipeline.feed_frame(frame, time_us)
+    for count, (time_us, frame) in enumerate(reader.items(pipeline.wanted)):
+        pipeline.feed_item(frame, time_us)
         if on_progress is not None and count % 5000 == 0:
             on_progress(reader.position_bytes / reader.size_bytes)
     return tap.log

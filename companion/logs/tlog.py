@@ -25,13 +25,14 @@ from collections import Counter
 from collections.abc import Collection, Generator, Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from companion.errors import LogFormatError
-from companion.mavlink.codec import MAX_FRAME_SIZE, Decoder, Frame, FrameReject, scan
+from companion.logs.files import opened, read
+from companion.mavlink.codec import MAX_FRAME_SIZE, Frame, FrameReject, scan
 from companion.mavlink.columns import messages, tables
 from companion.mavlink.framing import FOREIGN, extent, next_start
 from companion.mavlink.record_scan import INDEX, scan_records
@@ -49,15 +50,6 @@ FRAME_FIELDS = ("message_id", "system_id", "component_id", "sequence", "version"
 _FLUSH_US = 1_000_000
 
 _OTHER_FILES = (
-    (
-        b"\xa3\x95",
-        "an ArduPilot dataflash log (.bin); use the ground station's .tlog of that flight",
-    ),
-    (
-        b"FMT,",
-        "an ArduPilot dataflash log in text (.log); use the ground station's .tlog of that flight",
-    ),
-    (b"ULog", "a PX4 log (.ulg); use the ground station's .tlog of that flight"),
     (b"\xd4\xc3\xb2\xa1", "a network capture (pcap); record a .tlog instead"),
     (b"\x0a\x0d\x0d\x0a", "a network capture (pcapng); record a .tlog instead"),
     (b"\x1f\x8b", "a gzip archive: unpack it first"),
@@ -89,7 +81,7 @@ class TlogReader:
     def __iter__(self) -> Iterator[Packet]:
         return self._packets(math.inf)
 
-    def frames_of(self, wanted: Collection[int]) -> Iterator[tuple[int, Frame]]:
+    def items(self, wanted: Collection[int] = ()) -> Iterator[tuple[int, Frame]]:
         """(time_us, frame) of every good record; frames of `wanted` kinds carry their message.
 
         Many times faster than decoding packets one at a time, with the same result.
@@ -135,11 +127,11 @@ class TlogReader:
     def _batches(self, stop_bytes: float) -> "Generator[_Batch, None, None]":
         """The records of one chunk of the file after the other."""
         self._restart()
-        with _opened(self.path) as file:
+        with opened(self.path) as file:
             self.size_bytes = os.fstat(file.fileno()).st_size
             buffer, at_end = b"", False
             while not at_end and self._read_bytes < stop_bytes:
-                chunk = _read(file, self.path)
+                chunk = read(file, self.path, _CHUNK)
                 at_end = len(chunk) < _CHUNK
                 buffer += chunk
                 limit = len(buffer) if at_end else len(buffer) - _LOOKAHEAD
@@ -229,8 +221,8 @@ class TlogReader:
         with closing(self._packets(_PROBE_BYTES)) as packets:
             if next(packets, None) is not None:
                 return
-        with _opened(self.path) as file:
-            found = _describe(_read(file, self.path), self.counters)
+        with opened(self.path) as file:
+            found = _describe(read(file, self.path, _CHUNK), self.counters)
         raise LogFormatError(f"{self.path}: not a telemetry log (.tlog): {found}")
 
 
@@ -304,24 +296,6 @@ def _record_time_us(buffer: bytes, offset: int) -> int | None:
     return _time_us(buffer, offset) if at < len(buffer) and next_start(buffer, at) == at else None
 
 
-def _opened(path: Path) -> BinaryIO:
-    try:
-        return path.open("rb")
-    except FileNotFoundError as error:
-        raise LogFormatError(f"{path}: no such file") from error
-    except IsADirectoryError as error:
-        raise LogFormatError(f"{path}: is a folder; name a .tlog file in it") from error
-    except OSError as error:
-        raise LogFormatError(f"{path}: cannot be read: {error.strerror or error}") from error
-
-
-def _read(file: BinaryIO, path: Path) -> bytes:
-    try:
-        return file.read(_CHUNK)
-    except OSError as error:
-        raise LogFormatError(f"{path}: cannot be read: {error.strerror or error}") from error
-
-
 def _describe(head: bytes, counters: Counter[FrameReject]) -> str:
     """What a file without a good record seems to be, and what to do."""
     if not head:
@@ -331,10 +305,6 @@ def _describe(head: bytes, counters: Counter[FrameReject]) -> str:
             return f"it looks like {name}"
     if not head.strip(b"\0"):
         return "it begins with nothing but zeros"
-    if (
-        two := b"".join(frame.data for frame in Decoder(datagrams=True).feed(head)[:2])
-    ) and two in head:
-        return "it holds MAVLink frames without times (a raw capture); record a .tlog instead"
     if counters[FrameReject.TIMESTAMP]:
         return "its frames have impossible times (after the year 3000)"
     if head.isascii() and b"\0" not in head:

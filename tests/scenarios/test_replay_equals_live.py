@@ -9,6 +9,7 @@ import pytest
 from companion.evaluation.report import Collector
 from companion.evaluation.samples import samples_of
 from companion.logs import open_log
+from companion.logs.tlog import TlogReader
 from companion.mavlink.codec import Message
 from companion.pipeline import Pipeline
 from companion.samples import Kind, Rows, SampleLog, Verdict
@@ -48,10 +49,10 @@ def both_ways(path: Path) -> tuple[Taken, Taken]:
     live, replayed = Taken(), Taken()
     slow = Pipeline(CompanionSettings(), datagrams=True, observer=live)
     fast = Pipeline(CompanionSettings(), datagrams=True, observer=replayed)
-    for packet in open_log(path):
+    for packet in TlogReader(path):
         live.seen.append(slow.feed(packet))
-    for time_us, frame in open_log(path).frames_of(fast.wanted):
-        replayed.seen.append(fast.feed_frame(frame, time_us))
+    for time_us, frame in open_log(path).items(fast.wanted):
+        replayed.seen.append(fast.feed_item(frame, time_us))
     assert slow.heard == fast.heard
     assert slow.verdicts == fast.verdicts
     assert slow.identity.counters == fast.identity.counters

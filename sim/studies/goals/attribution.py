@@ -17,7 +17,7 @@ import numpy as np
 
 from companion.evaluation.detection import detection, false_alarms
 from companion.evaluation.metrics import Array, truth_at
-from companion.logs import open_log
+from companion.logs.tlog import TlogReader
 from companion.mavlink.codec import Message
 from companion.pipeline import Pipeline
 from companion.samples import FaultySensor, Kind, Packet, Rows, Verdict
@@ -174,7 +174,7 @@ def try_faults(
     Returns a row for each fault, and one for the flight without any: its length and false alarms.
     Raises `LogFormatError`.
     """
-    packets = list(open_log(path))
+    packets = list(TlogReader(path))
     healthy = _watched(packets, settings)
     plan = sorted(
         ((onset_us, case) for case in cases for onset_us in _onsets(healthy, case, onsets)),

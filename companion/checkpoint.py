@@ -21,10 +21,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field
-
 from companion import locations
-from companion.config import Settings
+from companion.checkpoint_settings import CheckpointSettings
+from companion.estimators import Filter
 from companion.health import Health
 from companion.pipeline import Pipeline
 
@@ -57,15 +56,6 @@ STANDARD_CLASSES = frozenset(
 LARGEST_BYTES = 20_000_000
 DISAGREEMENT_US = 3_000_000
 WITNESS_US = 3_000_000
-
-
-class CheckpointSettings(Settings):
-    """Section ``checkpoint``."""
-
-    period_s: float = Field(2.0, ge=0, le=600)
-    """time in seconds between checkpoints of the state; 0 writes none"""
-    fresh_s: float = Field(30.0, ge=0, le=600)
-    """largest age in seconds at which a checkpoint is continued after a restart of the process"""
 
 
 class Checkpoint:
@@ -125,13 +115,17 @@ class Checkpoint:
             if not 0.0 <= age_s <= self._settings.fresh_s:
                 logger.info("the last checkpoint is %.0f s old: starting anew", age_s)
                 return None
-            pipeline.filter.restore(state["filter"])
-            vars(pipeline).update(state["parts"])
+            fresh = {name: getattr(pipeline, name) for name in ("filter", *state["parts"])}
+            restored = Filter(pipeline.filter.method, pipeline.filter.settings)
+            restored.restore(state["filter"])
+            age_us = round(age_s * 1e6)
+            state["parts"]["health"].shift(age_us)
+            vars(pipeline).update(state["parts"] | {"filter": restored})
         except Exception as error:  # a file from outside must not stop the start
             logger.warning("checkpoint not used: %s", error)
             return None
         logger.info("continuing from a checkpoint %.1f s old", age_s)
-        return Resumption(pipeline.now_us, pipeline.now_us + round(age_s * 1e6))
+        return Resumption(pipeline, fresh, pipeline.now_us + age_us)
 
     def _write(self, path: Path, data: bytes) -> None:
         partial = path.with_suffix(".partial")
@@ -163,27 +157,39 @@ class Resumption:
 
     Parameters
     ----------
-    restored_us : the vehicle's clock in the checkpoint.
-    expected_us : what it should say now.
+    pipeline : continues from the checkpoint.
+    fresh : its attributes before, for a new start.
+    expected_us : what the vehicle's clock should say now.
     """
 
-    def __init__(self, restored_us: int, expected_us: int) -> None:
-        self._restored_us = restored_us
+    def __init__(self, pipeline: Pipeline, fresh: dict[str, Any], expected_us: int) -> None:
+        self._pipeline = pipeline
+        self._fresh = fresh
+        self._restored_us = pipeline.now_us
         self._expected_us = expected_us
         self._started_us: int | None = None
         self.settled = False
         """whether the question is answered"""
 
-    def contradicted(self, vehicle_us: int, now_us: int, heard: bool) -> bool:
-        """Whether to start anew after all. `vehicle_us` is the vehicle's clock and `now_us` the
-        host's; `heard` says that somebody speaks MAVLink."""
+    def check(self, now_us: int) -> None:
+        """Start anew after all, where what is heard contradicts the checkpoint. `now_us` is the
+        host's clock."""
+        if self.settled:
+            return
         if self._started_us is None:
             self._started_us = now_us
-        elapsed_us = now_us - self._started_us
+        elapsed_us, vehicle_us = now_us - self._started_us, self._pipeline.now_us
         if vehicle_us != self._restored_us:
             self.settled = True
-            return abs(vehicle_us - self._expected_us - elapsed_us) > DISAGREEMENT_US
-        return heard and elapsed_us > WITNESS_US
+            if abs(vehicle_us - self._expected_us - elapsed_us) > DISAGREEMENT_US:
+                self._undo("the vehicle's clock did not go on")
+        elif self._pipeline.decoder.frames and elapsed_us > WITNESS_US:
+            self.settled = True
+            self._undo("the vehicle of the checkpoint is not heard")
+
+    def _undo(self, why: str) -> None:
+        logger.warning("starting anew after all: %s", why)
+        vars(self._pipeline).update(self._fresh)
 
 
 def fingerprint(settings: Any) -> str:

@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import IntEnum
+from itertools import pairwise
 
 from companion.clock import Clock
 from companion.hearing import Hearing, Speaker
@@ -461,4 +462,4 @@ def _shown(message: Message | None) -> str:
 
 
 def _pairs(values: list[int]) -> Iterator[tuple[int, int]]:
-    return zip(values, values[1:], strict=False)
+    return pairwise(values)

@@ -74,6 +74,14 @@ class HealthMonitor:
         self._better_since_us: int | None = None
         self._assessed_us = -ASSESS_US
 
+    def shift(self, by_us: int) -> None:
+        """Move every instant: our own pause of this length was no silence of the vehicle."""
+        self._used_us = {kind: used_us + by_us for kind, used_us in self._used_us.items()}
+        if self._heartbeat_us is not None:
+            self._heartbeat_us += by_us
+        if self._better_since_us is not None:
+            self._better_since_us += by_us
+
     def heartbeat(self, now_us: int) -> None:
         """The vehicle's HEARTBEAT came."""
         self._heartbeat_us = now_us

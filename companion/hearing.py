@@ -1,11 +1,11 @@
 """What is heard on a link, by sender and message: counts, rates, gaps, last values. For `doctor`."""
 
 from collections import Counter
-from collections.abc import Hashable
 from dataclasses import dataclass, field
+from typing import Any
 
 from companion.clock import Clock
-from companion.links import Link, LinkState, Statistics
+from companion.links import Link, LinkState
 from companion.mavlink.codec import Decoder, Frame, Message, decode, mavlink
 
 TEXT_SAMPLE_BYTES = 4096
@@ -74,6 +74,8 @@ class Hearing:
 
     def __init__(self, link: Link, clock: Clock) -> None:
         self._link = link
+        self.url = link.url
+        self.statistics = link.statistics
         self._clock = clock
         self.started_us = clock.now_us()
         self.decoder = Decoder()
@@ -84,28 +86,12 @@ class Hearing:
         """the first bytes heard"""
 
     @property
-    def url(self) -> str:
-        return self._link.url
-
-    @property
-    def statistics(self) -> Statistics:
-        return self._link.statistics
-
-    @property
     def state(self) -> LinkState:
         return self._link.state
 
-    @property
-    def source(self) -> Hashable:
-        return getattr(self._link, "source", None)
-
-    @property
-    def bytes_per_s(self) -> float | None:
-        return getattr(self._link, "bytes_per_s", None)
-
-    def trust(self) -> None:
-        if hasattr(self._link, "trust"):
-            self._link.trust()
+    def __getattr__(self, name: str) -> Any:
+        """Whatever else the link has."""
+        return getattr(self._link, name)
 
     def receive(self, timeout_s: float) -> bytes:
         data = self._link.receive(timeout_s)

@@ -22,6 +22,7 @@ from companion.common_cli import (
 from companion.output import Output, set_up_logging, timestamp
 
 if TYPE_CHECKING:
+    from companion.links import Link
     from companion.service import Service, Status
     from companion.settings import CompanionSettings
 
@@ -81,6 +82,7 @@ def run(
     say_if_compiling(settings.estimator)
     settings = _with_options(settings, record, system_id, component_id)
 
+    from companion.checkpoint import Checkpoint, fingerprint
     from companion.clock import SystemClock
     from companion.links import open_link
     from companion.recording import Recording
@@ -94,12 +96,21 @@ def run(
         path = settings.record.path
         recorder = stack.enter_context(Recording(path, settings.record)) if path else None
         warm_up(settings)
-        service = Service(opened, settings, clock, recorder=recorder)
+        keeper = Checkpoint(settings.checkpoint, [opened.url], fingerprint(settings))
+        service = Service(opened, settings, clock, recorder=recorder, checkpoint=keeper)
         lines = StatusLine(service, output, as_json=as_json)
+        _drain(opened)
         lines.ready(time.perf_counter() - started_s)
         service.run(lambda: bool(stopped), lines.show)
         stack.close()
         lines.stopped(recorder)
+
+
+def _drain(link: "Link") -> None:
+    """Discard what arrived while the code was compiled or loaded: it is old."""
+    end_s = time.monotonic() + 1.0
+    while link.receive(0.0) and time.monotonic() < end_s:
+        pass
 
 
 def _with_options(

@@ -185,11 +185,8 @@ class Pipeline:
         identity = self.identity
         if identity.vehicle is None and frame.message_id == HEARTBEAT:
             message = self.decoder.decode(frame)
-            if message is not None and identity.offer(frame, message):
-                self._encoder = Encoder(
-                    self.settings.identity.system_id or frame.system_id,
-                    self.settings.identity.component_id,
-                )
+            if message is not None:
+                identity.offer(frame, message)
         origin = identity.origin(frame, arrival_us)
         if origin is Origin.OURSELVES:
             if self._conflict is not None:
@@ -325,7 +322,11 @@ class Pipeline:
         return self._encode(messages) if messages else []
 
     def _encode(self, messages: list[Message]) -> list[bytes]:
-        if self._encoder is None or not self._sends:
+        vehicle = self.identity.vehicle
+        if vehicle is None or not self._sends:
             return []
+        if self._encoder is None:
+            own = self.settings.identity
+            self._encoder = Encoder(own.system_id or vehicle[0], own.component_id)
         frames = (self._encoder.encode(message, self.identity.version) for message in messages)
         return [frame for frame in frames if frame]

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from companion.backlog import Backlog
+from companion.checkpoint import Checkpoint
 from companion.clock import Clock
 from companion.errors import IdentityError, LogFormatError
 from companion.estimators import ESTIMATORS
@@ -70,6 +71,7 @@ class Service:
     link, settings, clock : what to run on.
     recorder : where to write every frame heard and sent.
     observer : sees the pipeline from inside.
+    checkpoint : where the state is kept in case this process is killed.
     """
 
     def __init__(
@@ -80,6 +82,7 @@ class Service:
         *,
         recorder: LogWriter | None = None,
         observer: Observer | None = None,
+        checkpoint: Checkpoint | None = None,
     ) -> None:
         self.link = link
         self.clock = clock
@@ -91,6 +94,8 @@ class Service:
         listeners = {mavlink.MAVLINK_MSG_ID_COMMAND_ACK: self._acknowledged}
         self.pipeline = Pipeline(settings, observer=observer, listeners=listeners)
         self.pipeline.on_own_ids(self._own_ids_heard)
+        self._checkpoint = checkpoint
+        self._resumption = checkpoint.restore(self.pipeline) if checkpoint is not None else None
         self._recorder = recorder
         self._requester: StreamRequester | None = None
         self._recent: deque[bytes] = deque(maxlen=256)
@@ -132,6 +137,7 @@ class Service:
             self._backlog.handled(now_us, self.pipeline.now_us)
             self._record_heard(now_us)
             self._send(self._current(frames), now_us)
+            self._keep_state(now_us)
         elif now_us - self._heard_us > QUIET_US and not self._flushed:
             self._flushed = True
             self._send(self.pipeline.flush(now_us), now_us)
@@ -225,6 +231,12 @@ class Service:
             )
             return f"no {name} in 5 s, only {names}: check the stream rates of this port (README, recipes)"
         return ""
+
+    def _keep_state(self, now_us: int) -> None:
+        if self._resumption is not None and not self._resumption.settled:
+            self._resumption.check(now_us)
+        elif self._checkpoint is not None:
+            self._checkpoint.save(self.pipeline)
 
     def _current(self, frames: list[bytes]) -> list[bytes]:
         """`frames` without those that tell an altitude of long ago."""

@@ -3,7 +3,8 @@
 ===========  ==============================================================================================
 OK           barometer and GNSS were both used within ``fresh_s`` and the spread is within ``sd_ok_m``
 DEGRADED     one of them is missing or refused, or the spread is larger
-LOST         no height for ``lost_s``, spread above ``sd_lost_m``, no heartbeat, or no finite, possible estimate
+LOST         no height for ``lost_s``, spread above ``sd_lost_m``, no heartbeat, no finite, possible estimate, or
+             one that neither barometer nor GNSS supports (`companion.checker`)
 ===========  ==============================================================================================
 
 A turn for the worse takes effect at once (its conditions already wait), one for the better after
@@ -62,6 +63,8 @@ class HealthMonitor:
     def __init__(self, settings: HealthSettings, uses: Collection[Kind]) -> None:
         self.health = Health.LOST
         self.reason = "nothing heard yet"
+        self.has_altitude = False
+        """whether there is an altitude that is possible, certain enough, and supported"""
         self._settings = settings
         self._needed = [kind for kind in (Kind.PRESSURE, Kind.GNSS) if kind in uses]
         self.restart()
@@ -96,10 +99,13 @@ class HealthMonitor:
         """Whether the last assessment is old enough for one without a new measurement."""
         return not 0 <= now_us - self._assessed_us < ASSESS_US
 
-    def assess(self, now_us: int, estimate: Rows) -> bool:
-        """Bring `health` and `reason` up to date; True when the health changed."""
+    def assess(self, now_us: int, estimate: Rows, objection: str = "") -> bool:
+        """Bring `health` and `reason` up to date; True when the health changed.
+
+        `objection` is why the sensors do not support the altitude; empty when they do.
+        """
         self._assessed_us = now_us
-        health, reason = self._judge(now_us, estimate)
+        health, reason = self._judge(now_us, estimate, objection)
         if health >= self.health:
             self._better_since_us = None
         else:
@@ -118,9 +124,11 @@ class HealthMonitor:
         self.health, self.reason, self._better_since_us = Health.LOST, reason, None
         return changed
 
-    def _judge(self, now_us: int, estimate: Rows) -> tuple[Health, str]:
+    def _judge(self, now_us: int, estimate: Rows, objection: str) -> tuple[Health, str]:
         settings, value = self._settings, estimate[0]
         altitude_m, sd_m = float(value["altitude_amsl_m"]), float(value["altitude_sd_m"])
+        self.has_altitude = not objection and LOWEST_M <= altitude_m <= HIGHEST_M
+        self.has_altitude &= sd_m <= settings.sd_lost_m
         if self._heartbeat_us is None or now_us - self._heartbeat_us > settings.heartbeat_s * 1e6:
             return Health.LOST, "no heartbeat from the vehicle"
         if not (math.isfinite(altitude_m) and math.isfinite(sd_m)):
@@ -136,6 +144,8 @@ class HealthMonitor:
             return Health.LOST, f"no usable height for {settings.lost_s:g} s"
         if sd_m > settings.sd_lost_m:
             return Health.LOST, f"altitude uncertain by {sd_m:.0f} m"
+        if objection:
+            return Health.LOST, objection
         missing = self._missing(now_us)
         if missing:
             return Health.DEGRADED, missing

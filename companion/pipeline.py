@@ -5,12 +5,14 @@ give the same estimates and the same output messages, bit for bit.
 """
 
 import copy
+import logging
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
+from companion.checker import Checker
 from companion.estimators import ESTIMATORS, Filter
 from companion.health import Health, HealthMonitor
-from companion.intake import Intake, SampleReject
+from companion.intake import Intake, SampleReject, restart_row
 from companion.mavlink import convert
 from companion.mavlink.codec import Decoder, Encoder, Frame, Message, mavlink
 from companion.mavlink.identity import Identity, Origin
@@ -19,6 +21,8 @@ from companion.mavlink.outputs import Outputs, heartbeat
 from companion.recorded import Item, Sensed
 from companion.samples import Kind, Packet, Rows, Verdict
 from companion.settings import CompanionSettings
+
+logger = logging.getLogger("kollsman.pipeline")
 
 HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 RAW_IMU = mavlink.MAVLINK_MSG_ID_RAW_IMU
@@ -76,6 +80,7 @@ class Pipeline:
         self.intake = Intake(settings.intake)
         self.filter = Filter(ESTIMATORS[settings.estimator], settings.section(settings.estimator))
         self.health = HealthMonitor(settings.health, self.filter.method.uses)
+        self.checker = Checker()
         self.outputs = Outputs(settings.publish)
         self.verdicts = [[0] * len(Verdict) for _ in Kind]
         """how many samples of each kind got each verdict"""
@@ -257,6 +262,7 @@ class Pipeline:
         if reboot is not None:
             self.health.restart()
             self.outputs.restart()
+            self.checker.restart()
             self._scaled_pressure_us = -PRESSURE_TIMEOUT_US
             self._tells_air = self._knows_air
             sent += self._sample(Kind.STATUS, 0, reboot)
@@ -292,6 +298,7 @@ class Pipeline:
 
     def _step(self, kind: Kind, instance: int, row: Rows) -> list[bytes]:
         """Give a sample to the estimator and its verdict to all who follow it."""
+        self.checker.sample(kind, row)
         verdict = self.filter.step(kind, row)
         self.verdicts[kind][verdict] += 1
         if instance == 0:
@@ -305,9 +312,14 @@ class Pipeline:
         """What is due now that the vehicle's clock has moved: health, ALTITUDE if the estimate is
         new, DEBUG."""
         now_us, estimate = self.now_us, self.filter.estimate
-        changed = (used or self.health.is_due(now_us)) and self.health.assess(now_us, estimate)
-        health = self.health.health
         messages: list[Message] = []
+        changed = False
+        if used or self.health.is_due(now_us):
+            objection = self.checker.objection(now_us, float(estimate[0]["altitude_amsl_m"]))
+            changed = self.health.assess(now_us, estimate, objection)
+            if self.checker.asks_restart(now_us, supported=self.health.has_altitude):
+                messages += self._restart_estimator()
+        health = self.health.health
         if used:
             altitude = self.outputs.altitude(now_us, health, estimate)
             if altitude is not None:
@@ -320,6 +332,15 @@ class Pipeline:
             messages += self.outputs.status_text(health, self.health.reason)
         messages += self.outputs.debug(now_us, health, estimate, self.filter.state)
         return self._encode(messages) if messages else []
+
+    def _restart_estimator(self) -> list[Message]:
+        """Start the estimator anew. Observers see its samples only, as another would get them."""
+        row = restart_row(self.now_us, self.now_us)
+        self.filter.step(Kind.STATUS, row)
+        self._tells_air = self._knows_air
+        reason = f"estimator restarted, {self.health.reason}"
+        logger.warning("%s (restart %d)", reason, self.checker.restarts)
+        return self.outputs.status_text(Health.LOST, reason)
 
     def _encode(self, messages: list[Message]) -> list[bytes]:
         vehicle = self.identity.vehicle

@@ -1,4 +1,4 @@
-"""The records everything is made of: sample rows, estimate rows, verdicts, and `SampleLog`.
+"""The records: sample rows, estimate rows, verdicts, and `SampleLog`.
 
 A sample is one row of a NumPy structured array; its dtype is its kind. Every row has ``time_us``
 (vehicle boot clock, when the quantity was true), ``arrival_us`` (host clock, when its bytes were
@@ -38,7 +38,8 @@ class Packet(NamedTuple):
 
 
 class Kind(IntEnum):
-    """What a sample measures; also its index in `SampleLog.tables` and in an estimator's counters."""
+    """What a sample measures; also its index in `SampleLog.tables` and in an estimator's
+    counters."""
 
     IMU = 0
     PRESSURE = 1
@@ -52,31 +53,30 @@ class Kind(IntEnum):
 
 
 class Verdict(IntEnum):
-    """What became of a measurement. A measurement never raises."""
+    """Result of a measurement in an estimator. A measurement never raises."""
 
     USED = 0
     GATED = 1
-    """plausible alone, but contradicted by the estimate"""
+    """rejected by the estimator's gate: plausible alone, but inconsistent with the estimate"""
     STALE = 2
     """not newer than the last of its kind and instance, or older than the delay horizon"""
     INVALID = 3
     """not a measurement: NaN, out of physical range, without a fix, or known to be wrong"""
     IGNORED = 4
-    """of a kind this estimator does not use"""
+    """a kind of sample that this estimator does not use"""
 
 
 class Suspicion(IntEnum):
-    """Why a row that is finite and in range must not be believed in absolute terms (field
-    ``suspect``)."""
+    """Why the absolute value of a finite row in range is suspect (field ``suspect``)."""
 
     NONE = 0
     DATUM = 1
-    """barometer and GNSS contradict each other by more than any weather can, and this is the one
-    that moved"""
+    """barometer and GNSS differ by more than weather can explain, and this sensor is the one that
+    changed"""
 
 
 class FaultySensor(IntEnum):
-    """Which sensor is wrong, in an estimator that can tell (field ``faulty``)."""
+    """The sensor that an estimator attributes a fault to (field ``faulty``)."""
 
     NONE = 0
     BAROMETER = 1
@@ -172,8 +172,8 @@ ESTIMATE = np.dtype(
 )
 
 HEIGHT = np.dtype([("time_us", "i8"), ("altitude_amsl_m", "f8"), ("climb_mps", "f8")], align=True)
-"""Truth (SIM_STATE) and the autopilot's own result (GLOBAL_POSITION_INT): compared with, never fed
-to an estimator."""
+"""Truth (SIM_STATE) and the autopilot's own estimate (GLOBAL_POSITION_INT), for comparison only; no
+estimator receives them."""
 
 ORDER = np.dtype([("kind", "i8"), ("row", "i8")], align=True)
 
@@ -210,8 +210,8 @@ def sample(kind: Kind, time_us: int, **values: Any) -> Rows:
 
 
 class Tables(NamedTuple):
-    """What a compiled `run` loops over: the order of arrival and one table a kind (in the order of
-    `Kind`)."""
+    """Input of a compiled `run`: the order of arrival, and one table for each kind in the order of
+    `Kind`."""
 
     order: Rows
     imu: Rows

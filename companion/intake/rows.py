@@ -85,6 +85,11 @@ class Intake:
     def _reboot(self, time_us: int, arrival_us: int) -> Rows:
         logger.warning("the vehicle's clock restarted at %.1f s: starting anew", time_us * 1e-6)
         self.datum.restart()
-        row = rows(DTYPES[Kind.STATUS])
-        row[0] = (time_us, arrival_us, 0, -1, -1, 1)
-        return row
+        return restart_row(time_us, arrival_us)
+
+
+def restart_row(time_us: int, arrival_us: int) -> Rows:
+    """The STATUS row, shape (1,), that lets an estimator start anew."""
+    row = rows(DTYPES[Kind.STATUS])
+    row[0] = (time_us, arrival_us, 0, -1, -1, 1)
+    return row

@@ -159,5 +159,6 @@ def readable(source: HasFileno, timeout_s: float) -> bool:
 
 
 def writable(sink: HasFileno, timeout_s: float) -> bool:
-    """Whether `sink` takes bytes, or has connected or failed to, within `timeout_s` of real time."""
+    """Whether `sink` takes bytes, or has connected or failed to, within `timeout_s` of real
+    time."""
     return bool(select.select([], [sink], [], timeout_s)[1])

@@ -38,6 +38,8 @@ TAKEOVER_S = 2.0
 STATUSTEXT_SIZE = 50
 LARGEST_FLOAT = 3.4028234e38
 FLOAT_ARRAY_SIZE = 58
+LONGEST_ARRAY = 16
+"""Longest array of a state that klState shows: histories are longer."""
 SEVERITY = {
     Health.OK: mavlink.MAV_SEVERITY_INFO,
     Health.DEGRADED: mavlink.MAV_SEVERITY_WARNING,
@@ -299,18 +301,22 @@ def heartbeat(health: Health) -> Message:
 def state_floats(state: Rows) -> list[float]:
     """The floats of an estimator's state in the order of its dtype, histories left out; 58 of them,
     zero-filled."""
-    fields = (state.dtype.fields or {}).items()
-    scalars = [
-        name
-        for name, (kind, *_) in fields
-        if kind.kind == "f" or (kind.base.kind == "f" and kind.shape[0] <= 16)
-    ]
-    values = (
-        np.concatenate([np.ravel(state[name][0]) for name in scalars]) if scalars else np.zeros(0)
-    )
+    values = np.array(_floats(state))
     padded = np.zeros(FLOAT_ARRAY_SIZE)
     padded[: min(values.size, FLOAT_ARRAY_SIZE)] = values[:FLOAT_ARRAY_SIZE]
     return [_single(float(value)) for value in padded]
+
+
+def _floats(state: Rows) -> list[float]:
+    """Floats and short arrays of floats of a record, shape (1,), those of nested records in their
+    place."""
+    found: list[float] = []
+    for name, (kind, *_) in (state.dtype.fields or {}).items():
+        if kind.base.kind == "V":
+            found += _floats(state[name])
+        elif kind.base.kind == "f" and (not kind.shape or kind.shape[0] <= LONGEST_ARRAY):
+            found += np.ravel(state[name][0]).tolist()
+    return found
 
 
 def _single(value: float) -> float:

@@ -22,7 +22,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.estimators.air_data_gnss import METHOD, AirDataGnssSettings
+from companion.estimators.air_data_gnss import METHOD
+from companion.estimators.air_data_gnss.settings import AirDataGnssSettings
 from companion.estimators.method import Filter, run_log
 from companion.kernels.atmosphere import (
     G0_MPS2,
@@ -185,11 +186,11 @@ class Stream:
         based = settings.model_copy(update={"reference_height_m": base_m})
         estimates, _, state = run_log(METHOD, self.log, based)
         cycles = estimates[self._ends]
-        error = state["error"][0] - data.final
+        error = state["error"]["x"][0] - data.final
         return Run(
             cycles["altitude_amsl_m"] - base_m - HEIGHT_M,
             data.baro_m + cycles["baro_offset_m"] - HEIGHT_M,
-            float(error @ np.linalg.solve(state["P_error"][0], error)),
+            float(error @ np.linalg.solve(state["error"]["P"][0], error)),
         )
 
 

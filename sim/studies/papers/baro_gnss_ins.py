@@ -20,14 +20,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.estimators.baro_gnss_ins.steps import (
+from companion.estimators.baro_gnss_ins import METHOD
+from companion.estimators.baro_gnss_ins.altimetry import (
     INCH_OF_MERCURY_PA,
-    METHOD,
-    BaroGnssInsSettings,
     cubic_altitude_m,
     kollsman_altitude_m,
     kollsman_slope_mppa,
 )
+from companion.estimators.baro_gnss_ins.settings import BaroGnssInsSettings
 from companion.estimators.method import run_log
 from companion.kernels.atmosphere import geopotential_m, pressure_altitude_m, standard_pressure_pa
 from companion.samples import Kind, Rows, SampleLog, Verdict, sample
@@ -405,11 +405,11 @@ class Profile:
         self.log[Kind.PRESSURE]["pressure_pa"] = pressures_pa(self.h_p_m + BARO_SD_M * noise[0])
         self.log[Kind.GNSS]["altitude_amsl_m"] = self.heights_m + GNSS_SD_M * noise[1]
         state = run_log(METHOD, self.log, CONSTANT)[2][0]
-        b, s = float(state["b_m"]), float(state["s"])
+        b, s = float(state["ins"]["b_m"]), float(state["ins"]["s"])
         self.b_m.append(b)
         self.s.append(s)
         self.sum_m.append(b + s * float(self.h_p_m[-1]))
-        P, h_p = np.asarray(state["P"]), float(self.h_p_m[-1])
+        P, h_p = np.asarray(state["ins"]["P"]), float(self.h_p_m[-1])
         total = P[15, 15] + 2.0 * h_p * P[15, 16] + h_p**2 * P[16, 16]
         self.sd = np.sqrt([P[15, 15], P[16, 16], total])
 

@@ -27,15 +27,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.config import Settings
-from companion.estimators.baro_inertial import baro_ins_kf, damping_loop, tuning
+from companion.estimators.baro_inertial import baro_ins_kf, damping_loop, genetic, tuning
 from companion.estimators.baro_inertial.baro_ins_kf import BaroInsKfSettings
 from companion.estimators.baro_inertial.damping_loop import (
     DampingLoopSettings,
     matched_gains,
     poles,
 )
+from companion.estimators.baro_inertial.genetic import Gains
 from companion.estimators.baro_inertial.inputs import calibrated_m
-from companion.estimators.baro_inertial.tuning import Gains
 from companion.estimators.method import Method, run_log
 from companion.kernels.atmosphere import baro_altitude_array, geopotential_m, pressure_altitude_m
 from companion.samples import Kind
@@ -145,8 +145,8 @@ def kalman_filter(
         baro_bias_sd_m=road.BARO_WANDER_M,
         baro_bias_time_s=road.BARO_TIME_S,
         baro_sd_m=road.BARO_SD_M,
-        acceleration_noise=noise,
-        accelerometer_bias_mps2=math.hypot(road.FORCE_BIAS, road.FORCE_WANDER),
+        acceleration_noise_mps2_rthz=noise,
+        accelerometer_bias_sd_mps2=math.hypot(road.FORCE_BIAS, road.FORCE_WANDER),
         accelerometer_bias_time_s=road.FORCE_TIME_S,
         **start_settings(),
     )
@@ -172,11 +172,11 @@ class Tuned:
     """What all strings cost on one drive, and what genetic searches found there."""
 
     costs: Array
-    searches: list[tuning.Search]
+    searches: list[genetic.Search]
 
     @property
     def best(self) -> Gains:
-        return tuning.decode(int(np.argmin(self.costs)))
+        return genetic.decode(int(np.argmin(self.costs)))
 
     @property
     def ratios(self) -> Array:
@@ -191,14 +191,14 @@ def flight_of(driven: Drive) -> tuning.Flight:
 
 def tune(driven: Drive, searches: int, progress: Callable[[float], None]) -> Tuned:
     """Try all strings on a drive, and search them genetically."""
-    flight, costs = flight_of(driven), np.empty(2**tuning.STRING_BITS)
+    flight, costs = flight_of(driven), np.empty(2**genetic.STRING_BITS)
     for string in range(costs.size):
-        costs[string] = flight.cost(tuning.decode(string))
+        costs[string] = flight.cost(genetic.decode(string))
         if string % 2048 == 0:
             progress(string / costs.size)
     return Tuned(
         costs,
-        [tuning.search(lambda s: float(costs[s]), random) for random in generators("K", searches)],
+        [genetic.search(lambda s: float(costs[s]), random) for random in generators("K", searches)],
     )
 
 
@@ -208,10 +208,10 @@ def printed_over_least(drives: list[Drive]) -> Array:
     for driven, random in zip(drives, generators("K", len(drives)), strict=True):
         flight = flight_of(driven)
         least = min(
-            tuning.search(lambda s: flight.cost(tuning.decode(s)), random).cost  # noqa: B023
+            genetic.search(lambda s: flight.cost(genetic.decode(s)), random).cost  # noqa: B023
             for _ in range(3)
         )
-        ratios.append(flight.cost(tuning.PAPER_GAINS) / least)
+        ratios.append(flight.cost(genetic.PAPER_GAINS) / least)
     return np.array(ratios)
 
 
@@ -401,12 +401,12 @@ def _genetic(page: Page, tuned: Tuned, printed_ratios: Array) -> None:
     """Section III: the schedule (8) and what the search finds."""
     exact = float(np.mean(tuned.ratios < 1.0 + 1e-12))
     tried = np.mean([search.evaluations for search in tuned.searches])
-    on_grid = tuning.decode(tuning.encode(PRINTED_GAINS))
+    on_grid = genetic.decode(genetic.encode(PRINTED_GAINS))
     page.table(
         "Genetic algorithm (section III)",
         [
-            compare("p_m of the first generation", 0.117917, tuning.mutation_probability(0), 1e-6, where="(8)"),
-            compare("floor of p_m", 0.0041667, tuning.mutation_probability(60), 1e-7, where="(8)"),
+            compare("p_m of the first generation", 0.117917, genetic.mutation_probability(0), 1e-6, where="(8)"),
+            compare("floor of p_m", 0.0041667, genetic.mutation_probability(60), 1e-7, where="(8)"),
             holds("the gains lie on a grid of 5 bits", np.allclose(on_grid, PRINTED_GAINS, atol=5e-5, rtol=0),
                   "31/31, 20/31, 27/31", printed="3.00, .6452, .8710", where="(10)"),
             holds("reaches the best solution and avoids local minima", exact > 0.99,

@@ -21,7 +21,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.estimators.robust_altimeter.steps import METHOD, PUBLISH
+from companion.estimators.robust_altimeter import METHOD
+from companion.estimators.robust_altimeter.settings import PUBLISH
 from companion.kernels.atmosphere import geopotential_m, standard_pressure_pa
 from companion.kernels.earth import gravity_mps2
 from companion.samples import ESTIMATE, Kind, SampleLog, rows, sample
@@ -412,7 +413,8 @@ def live_errors_m(model: Model, log: SampleLog, publish: str) -> Array:
     params = model.params()
     params["publish"], params["reference_s"] = PUBLISH[publish], 1e18
     state = METHOD.init(params)
-    state["reference_m"], state["reference_at_m"], state["reference_age_s"] = 0.0, 1000.0, 1e18
+    datum = state["pair"]["datum"]
+    datum["offset_m"], datum["at_m"], datum["age_s"] = 0.0, 1000.0, 1e18
     estimates, verdicts = rows(ESTIMATE, len(log)), np.zeros(len(log), np.int64)
     METHOD.run(state, params, log.tables, estimates, verdicts)
     return np.asarray(estimates["altitude_amsl_m"][5 * LEAD + 6 :: 7] - 1000.0)

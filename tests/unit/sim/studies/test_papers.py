@@ -111,7 +111,7 @@ class TestCommand:
     def test_an_unknown_key_is_wrong_usage(self, tmp_path: Path) -> None:
         result = CliRunner().invoke(app, ["reproduce", "Z", "--out", str(tmp_path)])
         assert result.exit_code == 2
-        assert "no paper 'Z'" in result.stderr
+        assert "paper 'Z' is unknown" in result.stderr
         assert not list(tmp_path.iterdir())
 
 

@@ -146,10 +146,10 @@ class Agreement:
         return swing_m if swing_m > SWING_M else 0.0
 
     def _is_other(self, kind: Kind, row: Rows, last_us: int) -> bool:
-        """Whether the row is of another sensor than the one followed, which is alive."""
+        """Whether the row is late, or of another sensor than the one followed, which is alive."""
         instance, time_us = int(row["instance"][0]), int(row["time_us"][0])
         if instance != self._instances[kind]:
             if time_us - last_us <= FRESH_US:
                 return True
             self._instances[kind], self.difference_m = instance, math.nan
-        return False
+        return time_us < last_us

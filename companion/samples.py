@@ -232,9 +232,17 @@ class _Column:
         self.array: Rows = np.zeros(64, dtype)
         self.size = 0
 
+    @classmethod
+    def of(cls, array: Rows) -> "_Column":
+        """The column that holds `array`, which it takes over."""
+        column = cls(array.dtype)
+        column.array, column.size = array, array.size
+        return column
+
     def append(self, row: Any) -> int:
         if self.size == self.array.size:
-            self.array = np.concatenate([self.array, np.zeros_like(self.array)])
+            more = np.zeros(max(64, self.size), self.array.dtype)
+            self.array = np.concatenate([self.array, more])
         self.array[self.size] = row
         self.size += 1
         return self.size - 1
@@ -252,6 +260,29 @@ class SampleLog:
         self._order = _Column(ORDER)
         self._truth = _Column(HEIGHT)
         self._autopilot = _Column(HEIGHT)
+
+    @classmethod
+    def of_tables(cls, tables: Mapping[Kind, Rows], truth: Rows | None = None) -> "SampleLog":
+        """A log of whole tables, rows of ``DTYPES[kind]`` each in order of arrival.
+
+        Rows of different kinds are ordered by ``arrival_us``; of rows that arrive at the same time
+        those of the kind that comes first in `Kind` come first. `truth` has rows of `HEIGHT`.
+        """
+        log = cls()
+        sizes = [tables[kind].size if kind in tables else 0 for kind in Kind]
+        kinds = np.repeat(np.array([int(kind) for kind in Kind]), sizes)
+        arrivals = np.zeros(kinds.size, np.int64)
+        order = np.zeros(kinds.size, ORDER)
+        for kind, size in zip(Kind, sizes, strict=True):
+            if size:
+                log._columns[kind] = _Column.of(np.asarray(tables[kind]))
+                arrivals[kinds == kind] = tables[kind]["arrival_us"]
+                order["row"][kinds == kind] = np.arange(size)
+        order["kind"] = kinds
+        log._order = _Column.of(order[np.lexsort((kinds, arrivals))])
+        if truth is not None:
+            log._truth = _Column.of(np.asarray(truth))
+        return log
 
     def append(self, kind: Kind, row: Rows) -> None:
         """Add a one-element array of ``DTYPES[kind]``."""

@@ -43,7 +43,7 @@ LONG_FUNCTIONS = {
     "companion/estimators/vertical_bank/steps.py": {"on_gnss"},
     "companion/mavlink/record_scan.py": {"scan_records"},
     "sim/studies/goals/cli.py": {"evaluate"},
-    "sim/studies/goals/states.py": {"_draw"},
+    "sim/studies/goals/sections/states.py": {"_draw"},
     "sim/studies/papers/baro_gnss_ins.py": {"_state_rows"},
     "sim/studies/papers/robust_altimeter.py": {"_claim_rows"},
 }

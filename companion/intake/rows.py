@@ -47,7 +47,7 @@ class Intake:
         time_us : of the reading; None when it is left out (counted).
         reboot : a STATUS row that must go to the estimator first; None when the clock did not restart.
         """
-        clockwork, time_us = self.clock.place(reading, source)
+        clockwork, time_us = self.clock.place(reading, source, arrival_us)
         if clockwork is Clockwork.DOUBT or not 0 <= reading.instance < MAX_INSTANCES:
             self.counters[
                 SampleReject.NO_CLOCK if self.clock.now_us < 0 else SampleReject.CLOCK

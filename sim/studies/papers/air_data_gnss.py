@@ -50,7 +50,7 @@ from sim.studies.page import (
     spread,
 )
 from sim.studies.papers import Progress
-from sim.studies.papers.page import Page, Row, Verdict, compare, holds
+from sim.studies.papers.page import Match, Page, Row, compare, holds
 
 Array = NDArray[np.float64]
 Law = Literal["exact", "linear", "printed"]
@@ -157,7 +157,7 @@ class Run:
     """of a and b at the end"""
 
 
-class Stream:
+class VehicleRows:
     """The rows that a vehicle would send, made once and filled for each run."""
 
     def __init__(self, gps_every: int = GPS_EVERY, steps: int = STEPS) -> None:
@@ -258,7 +258,7 @@ def normalised_errors(covariance: Literal["joint", "marginal"], seeds: int) -> A
         preset="paper", covariance=covariance, temperature="none",
         scale_walk_per_second=q_a / 0.2, bias_walk_m2ps=q_b / 0.2, scale_sd=0.02,
     )  # fmt: skip
-    stream, height_m = Stream(), 1000.0 + 6.0 * HEIGHT_M
+    stream, height_m = VehicleRows(), 1000.0 + 6.0 * HEIGHT_M
     nees = []
     for rng in generators("W", seeds):
         a = 0.02 * rng.normal() + np.cumsum(math.sqrt(q_a) * rng.normal(size=STEPS))
@@ -308,7 +308,7 @@ SPARSE = {"1 s": GPS_EVERY, "10 s": 50, "60 s": 300}
 """Intervals of GPS."""
 
 
-def monte_carlo(reading: str, seeds: int, stream: Stream) -> Figures:
+def monte_carlo(reading: str, seeds: int, stream: VehicleRows) -> Figures:
     """All settings on the same readings, one set a seed."""
     found = Figures()
     for rng in generators("W", seeds):
@@ -325,12 +325,12 @@ def monte_carlo(reading: str, seeds: int, stream: Stream) -> Figures:
 
 def reproduce(seeds: int, out: Path, progress: Progress) -> Page:
     """The page of paper W."""
-    stream, found = Stream(), {}
+    stream, found = VehicleRows(), {}
     for done, reading in enumerate(READINGS):
         progress(0.2 * done, reading)
         found[reading] = monte_carlo(reading, seeds, stream)
     progress(0.6, "sparse GPS")
-    sparse = {name: _sparse(Stream(every), seeds) for name, every in SPARSE.items()}
+    sparse = {name: _sparse(VehicleRows(every), seeds) for name, every in SPARSE.items()}
     progress(0.8, "page")
     page = Page("W", seeds, out)
     page.text(
@@ -349,7 +349,7 @@ def reproduce(seeds: int, out: Path, progress: Progress) -> Page:
     return page
 
 
-def _sparse(stream: Stream, seeds: int) -> Figures:
+def _sparse(stream: VehicleRows, seeds: int) -> Figures:
     found = Figures()
     for rng in generators("W", seeds):
         data = readings(WEATHER, rng)
@@ -400,7 +400,7 @@ def _error_rows(found: dict[str, Figures]) -> list[Row]:
             gps.claim,
             gps.printed,
             gps.ours,
-            Verdict.REPRODUCES if ok else Verdict.DOES_NOT,
+            Match.REPRODUCES if ok else Match.DOES_NOT,
             "m",
             "Fig. 3",
         ),
@@ -424,7 +424,7 @@ def _claim_rows(found: dict[str, Figures], sparse: dict[str, Figures]) -> list[R
               where="sec. 3"),
         holds("filtering improves the compensated height", smoothed, f"final {words}", unit="m", where="sec. 2.4"),
         Row("accurate height, where a barometer alone has large errors", None, f"weather: {weather}, barometer {raw}",
-            Verdict.ONLY_UNDER if better_on_walks and weather.mean > raw.mean else Verdict.REPRODUCES, "m",
+            Match.ONLY_UNDER if better_on_walks and weather.mean > raw.mean else Match.REPRODUCES, "m",
             "abstract, sec. 4", "only when a and b are the random walks of Q: 45 m in a second. Under weather the "
             "correction is noisier than what it corrects"),
         holds("fair accuracy when GPS is rare", rare["60 s"] < 1.2 * rare["1 s"],

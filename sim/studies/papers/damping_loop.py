@@ -55,7 +55,7 @@ from sim.studies.page import (
 from sim.studies.papers import Progress
 from sim.studies.papers import mountain_road as road
 from sim.studies.papers.mountain_road import G_MPS2, GAS, LAPSE_KPM, P0_PA, T0_K, Drive
-from sim.studies.papers.page import Page, Row, Verdict, compare, holds
+from sim.studies.papers.page import Match, Page, Row, compare, holds
 
 Array = NDArray[np.float64]
 
@@ -315,16 +315,16 @@ def _atmosphere(page: Page, drives: list[Drive]) -> None:
     page.table(
         "Barometric altitude (section II)",
         [
-            Row("altitude at 84.5 kPa", printed, pressure_altitude_m(84_500.0), Verdict.DOES_NOT, "m", "(1)",
+            Row("altitude at 84.5 kPa", printed, pressure_altitude_m(84_500.0), Match.DOES_NOT, "m", "(1)",
                 "as printed it is negative for either sign of L"),
             Row("true pressure at sea level from the sensors' own", None,
-                f"{circular_m[0]:+.1f} or {circular_m[1]:+.1f}", Verdict.DOES_NOT, "m", "(5)",
+                f"{circular_m[0]:+.1f} or {circular_m[1]:+.1f}", Match.DOES_NOT, "m", "(5)",
                 "added to the altitude at 1350 m of an exactly standard day; with the density there, or 1.225 kg/m3. "
                 "The H_p in it is what it is to correct"),
             holds("the compensated altitude is accurate: rms", compensated < 0.2 * standard_m, compensated, unit="m",
                   where="(2), Fig. 4", note=f"with the start's height given, and its air temperature to "
                   f"{THERMOMETER_SD_K:g} K; uncompensated {standard_m:.1f} m. Independent implementation: 2.3 m"),
-            Row("the 60 m between compensated altitude and GPS are the geoid", "60", None, Verdict.NOT_COMPARABLE, "m",
+            Row("the 60 m between compensated altitude and GPS are the geoid", "60", None, Match.NOT_COMPARABLE, "m",
                 "Fig. 4", "they are as much as (5) invents"),
         ],
     )  # fmt: skip
@@ -412,7 +412,7 @@ def _genetic(page: Page, tuned: Tuned, printed_ratios: Array) -> None:
             holds("reaches the best solution and avoids local minima", exact > 0.99,
                   f"{100 * exact:.0f} % of searches", where="section I", note="against all 32768 strings; the others "
                   f"stay at most {100 * (tuned.ratios.max() - 1.0):.1f} % above. {tried:.0f} strings tried a search"),
-            Row("cost of the printed gains over the least", None, spread(printed_ratios), Verdict.NOT_COMPARABLE,
+            Row("cost of the printed gains over the least", None, spread(printed_ratios), Match.NOT_COMPARABLE,
                 where="(7)", note="on our drives; independent implementation: 2.6-3.3"),
         ],
     )  # fmt: skip
@@ -455,7 +455,7 @@ def _comparison(page: Page, drives: list[Drive], best: Gains, noise: float) -> N
         [
             Row("the genetic loop tracks better than the Kalman filter", "superior",
                 f"{mean[BEST_LOOP]:.3f} against {mean[KF_3]:.3f} m/s",
-                Verdict.ONLY_UNDER if mean[BEST_LOOP] < mean[KF_3] else Verdict.DOES_NOT, where="Fig. 6",
+                Match.ONLY_UNDER if mean[BEST_LOOP] < mean[KF_3] else Match.DOES_NOT, where="Fig. 6",
                 note=f"a filter without a state for the accelerometer's bias, as (14); with it {mean[KF_4]:.3f} m/s"),
             holds("the printed gains are optimal", mean[PRINTED_LOOP] <= 1.05 * mean[BEST_LOOP],
                   f"{mean[PRINTED_LOOP]:.3f} against {mean[BEST_LOOP]:.3f} m/s", where="(10)",

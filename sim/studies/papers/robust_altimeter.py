@@ -44,7 +44,7 @@ from sim.studies.papers.altimeter_errors import (
     open_loop_m,
     simulate,
 )
-from sim.studies.papers.page import Page, Row, Verdict, compare, holds
+from sim.studies.papers.page import Match, Page, Row, compare, holds
 
 Array = NDArray[np.float64]
 
@@ -255,11 +255,11 @@ def _add_sweep(page: Page, draws: Array) -> None:
                 "when a fault occurs the robust filter is considerably better",
                 "always",
                 f"both biased by {from_m:g} m or more",
-                Verdict.REPRODUCES
+                Match.REPRODUCES
                 if all(better)
-                else Verdict.ONLY_UNDER
+                else Match.ONLY_UNDER
                 if better[-1]
-                else Verdict.DOES_NOT,
+                else Match.DOES_NOT,
                 where="sec. 5",
                 note=f"biased by {BIASES_M[worst]:g} m it is {(robust / optimal)[worst].max():.1f} times worse",
             )
@@ -353,7 +353,7 @@ def _property_rows(outcome: Outcome, draws: Array) -> list[Row]:
             "mean error of IBI without a fault, U_B of sigma 1",
             1.87,
             spread(literal.mean_m(0)),
-            Verdict.DOES_NOT,
+            Match.DOES_NOT,
             "m",
             "Table 2",
             "with 0.1: 0.66 m",
@@ -362,7 +362,7 @@ def _property_rows(outcome: Outcome, draws: Array) -> list[Row]:
             "INS error after 300 s, open loop, sigma 0.6 m/s² (fitted)",
             None,
             spread(np.abs(open_loop[:, -1])),
-            Verdict.NOT_COMPARABLE,
+            Match.NOT_COMPARABLE,
             "m",
             "(21)",
             f"fed back it stays below {fed_back} m",

@@ -60,7 +60,7 @@ PRINTED_GAINS = (3.00, 0.6452, 0.8710)
 THERMOMETER_SD_K = 2.0
 """of the air temperature at the start, for the compensated altitude"""
 RATIO_DRIVES = 20
-NEES_DRIVES = 3
+NEES_DRIVES = 10
 """drives on which the printed gains are held against the best"""
 NOISES: tuple[float, ...] = tuple(np.geomspace(0.02, 2.0, 13).tolist())
 """of w in (11), m/s2/sqrt(Hz), from which the filter without a bias state gets its best"""
@@ -476,9 +476,11 @@ def _comparison(page: Page, drives: list[Drive], best: Gains, noise: float) -> N
                   f"{speed[BEST_LOOP]:.3f} against {speed[KF_3]:.3f} m/s",
                   reading="a filter without a state for the accelerometer's bias, as (14)",
                   note=f"with it {speed[KF_4]:.3f} m/s"),
-            *(holds(f"(15) {place}: normalised error squared of height and climb", below(value.mean, 4.0), value,
-                    where="(15)", note="2 is consistent; the noise of b stands in the row of " + row)
-              for (place, value), row in zip(nees.items(), ("the height", "b"), strict=True)),
+            holds("(15) as printed is consistent: error squared of height and climb over P",
+                  below(nees["as printed"].mean, 4.0), nees["as printed"], where="(15)",
+                  note="2 is consistent; the noise of b stands in the row of the height"),
+            holds("with that noise in the row of b it is ten times nearer",
+                  below(nees["corrected"].mean, 0.1 * nees["as printed"].mean), nees["corrected"], where="(15)"),
             holds("the printed gains are optimal", at_most(speed[PRINTED_LOOP], 1.05 * speed[BEST_LOOP]),
                   f"{speed[PRINTED_LOOP]:.3f} against {speed[BEST_LOOP]:.3f} m/s", where="(10)",
                   note="on our road; theirs is not known"),

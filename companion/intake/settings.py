@@ -1,5 +1,7 @@
 """Section ``intake`` of the configuration."""
 
+from typing import Literal
+
 from pydantic import Field
 
 from companion.config import Settings
@@ -30,3 +32,7 @@ class IntakeSettings(Settings):
     """a fix that admits more than this accuses nobody"""
     step_limit_m: float = Field(60.0, gt=0, le=10_000)
     """barometer and GNSS may move apart by this at once, beyond what speed and accuracy explain"""
+    equal_heights: Literal["doubt", "ellipsoid", "sea_level"] = "doubt"
+    """what a GNSS height is that equals the height above the ellipsoid to the millimetre: in doubt
+    (the geoid's undulation is added to the reported accuracy), one above the ellipsoid (the
+    undulation is subtracted), or one above sea level (as simulators without a geoid send)"""

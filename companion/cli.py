@@ -350,6 +350,8 @@ def _print_report(report: dict[str, Any]) -> None:
     vehicle = report["vehicle"] or "no vehicle"
     what = f"{report['duration_s']:.0f} s, {vehicle}{boots}, {report['estimator']}"
     print(f"{report['log']}: {what}, replayed in {report['elapsed_s']} s")
+    for note in report["notes"]:
+        print(f"note: {note}")
     verdicts = ("used", "gated", "stale", "invalid", "ignored")
     table = Table("samples", *verdicts, box=None, pad_edge=False)
     for kind, counts in report["samples"].items():

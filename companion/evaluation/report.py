@@ -136,6 +136,8 @@ def build(
             "duration_s": collector.duration_s,
             "reboots": pipeline.intake.clock.reboots,
             "health": pipeline.health.health.name,
+            "health_reason": pipeline.health.reason,
+            "notes": identity.notes,
             "samples": samples,
             "set_aside": {
                 str(cause): count for cause, count in pipeline.intake.counters.items() if count

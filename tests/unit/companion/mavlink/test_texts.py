@@ -6,7 +6,7 @@ SECOND_US = 1_000_000
 
 
 def texts(source: StatusTexts, now_s: float) -> list[str]:
-    return [message.text.decode() for message in source.due(round(now_s * SECOND_US))]
+    return [str(message.text) for message in source.due(round(now_s * SECOND_US))]
 
 
 def test_what_comes_too_soon_waits_and_only_its_last_state_is_told() -> None:

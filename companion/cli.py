@@ -3,26 +3,40 @@
 What is heavy (Numba, NumPy, pymavlink) is imported by the commands, so that ``--help`` is instant.
 """
 
+import errno
 import json
 import logging
-import signal
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from companion import live_cli
+from companion.common_cli import (
+    ConfigOption,
+    EstimatorOption,
+    SetOption,
+    resolve_settings,
+    say_if_compiling,
+)
 from companion.errors import ConfigError, KollsmanError, LogFormatError
+from companion.output import (
+    discard_standard_output,
+    open_standard_descriptors,
+    set_up_logging,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from companion.logs import LogReader
-    from companion.service import Service, Status
-    from companion.settings import CompanionSettings
+
+OUTPUT_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EBADF}
+"""What writing to standard output fails with: a full disk, a terminal that hung up."""
 
 app = typer.Typer(
     name="kollsman",
@@ -32,14 +46,6 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-
-RUN_EXAMPLES = """\b
-Examples:
-  SITL or a router that sends to us:        kollsman run udpin:0.0.0.0:14550
-  ArduPilot SITL:                           kollsman run tcp:127.0.0.1:5762
-  A Pixhawk on a Raspberry Pi's UART:       kollsman run /dev/ttyAMA0:921600
-  A Pixhawk on USB, with a recording:       kollsman run /dev/ttyACM0 --record flight.tlog
-"""
 
 REPLAY_EXAMPLES = """\b
 Examples:
@@ -61,19 +67,6 @@ Examples:
   kollsman tune damping-loop flight.tlog --out gains.yaml && kollsman replay flight.tlog --config gains.yaml
 """
 
-EstimatorOption = Annotated[
-    str | None, typer.Option(help="In place of the configuration's.", metavar="NAME")
-]
-ConfigOption = Annotated[
-    Path | None, typer.Option(help="A companion.yaml; every key is optional.", metavar="FILE")
-]
-SetOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set", help="Another value, for this run; repeatable.", metavar="SECTION.KEY=VALUE"
-    ),
-]
-
 
 def _version(wanted: bool) -> None:
     if wanted:
@@ -91,65 +84,12 @@ def _options(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Say it, and exit.")
     ] = False,
 ) -> None:
-    level = logging.DEBUG if verbose else logging.INFO
-    logging.basicConfig(
-        level=level,
-        format="%(asctime)s %(name)s: %(message)s",
-        datefmt="%H:%M:%S",
-        stream=sys.stderr,
-    )
+    set_up_logging(logging.DEBUG if verbose else logging.INFO)
     if not verbose:
         logging.getLogger("numba").setLevel(logging.WARNING)
 
 
-@app.command(epilog=RUN_EXAMPLES)
-def run(
-    link: Annotated[
-        str, typer.Argument(help="Where the autopilot is; `kollsman links` lists the forms.")
-    ],
-    *,
-    estimator: EstimatorOption = None,
-    config: ConfigOption = None,
-    record: Annotated[
-        Path | None, typer.Option(help="Write every frame heard and sent.", metavar="OUT.tlog")
-    ] = None,
-    system_id: Annotated[
-        int | None, typer.Option(min=1, max=255, help="Ours; otherwise the vehicle's.")
-    ] = None,
-    component_id: Annotated[
-        int | None, typer.Option(min=1, max=255, help="Ours; 191 otherwise.")
-    ] = None,
-) -> None:
-    """Serve a vehicle: read its sensors, send back ALTITUDE and the DEBUG family, until Ctrl-C."""
-    started_s = time.perf_counter()
-    settings = _settings(config, estimator)
-    _say_if_compiling(settings.estimator)
-    ids = {"system_id": system_id, "component_id": component_id}
-    given = {key: value for key, value in ids.items() if value is not None}
-    settings = settings.with_changes(identity=settings.identity.model_dump() | given)
-
-    from companion.clock import SystemClock
-    from companion.links import open_link
-    from companion.logs.tlog import TlogWriter
-    from companion.service import Service
-    from companion.warmup import warm_up
-
-    clock = SystemClock()
-    with ExitStack() as stack, _stop_signals() as stopped:
-        opened = open_link(link, clock)
-        stack.callback(opened.close)
-        warm_up(settings)
-        recorder = stack.enter_context(TlogWriter(record)) if record else None
-        service = Service(opened, settings, clock, recorder=recorder)
-        ready_s = time.perf_counter() - started_s
-        print(
-            f"ready in {ready_s:.1f} s: {settings.estimator} on {opened.url}; Ctrl-C stops",
-            flush=True,
-        )
-        service.run(lambda: bool(stopped), StatusLine(service).show)
-        print(f"\nstopped: {service.summary()}")
-    if record:
-        print(f"recorded {record}")
+app.command(epilog=live_cli.RUN_EXAMPLES)(live_cli.run)
 
 
 @app.command(epilog=REPLAY_EXAMPLES)
@@ -172,8 +112,8 @@ def replay(
 ) -> None:
     """Run a log through the same code as live, and report."""
     _refuse_same(log, out, csv)
-    settings = _settings(config, estimator, changes)
-    _say_if_compiling(settings.estimator)
+    settings = resolve_settings(config, estimator, changes)
+    say_if_compiling(settings.estimator)
 
     from companion.evaluation.report import Collector, build
     from companion.logs import open_log
@@ -184,19 +124,19 @@ def replay(
     reader = open_log(log)
     collector = Collector()
     with ExitStack() as stack:
-        pipeline = Pipeline(settings, datagrams=True, observer=collector)
+        pipeline = Pipeline(settings, datagrams=True, observer=collector, sends=out is not None)
         if csv:
             sink = stack.enter_context(CsvSink(csv, lambda: pipeline.health.health.name))
             pipeline.observe(Observers([collector, sink]))
         writer = stack.enter_context(TlogWriter(out)) if out else None
         started_s = time.perf_counter()
-        for packet in _with_progress(reader, log.name):
-            frames = pipeline.feed(packet)
+        for time_us, frame in _with_progress(reader, pipeline.wanted, log.name):
+            sent = pipeline.feed_item(frame, time_us)
             if writer is not None:
                 if not pipeline.heard_ourselves:  # of an earlier run: these are replaced
-                    writer.write(packet.time_us, packet.data)
-                for frame in frames:
-                    writer.write(packet.time_us, frame)
+                    writer.write(time_us, frame.data)
+                for data in sent:
+                    writer.write(time_us, data)
         elapsed_s = time.perf_counter() - started_s
     report = build(
         pipeline,
@@ -238,8 +178,8 @@ def compare(
     """Every estimator on one log, beside raw barometer, raw GNSS and the autopilot's own."""
     _refuse_same(log, plot)
     _refuse_same(log, stanford)
-    settings = _settings(config, None, changes)
-    _say_if_compiling()
+    settings = resolve_settings(config, None, changes)
+    say_if_compiling()
 
     from companion.evaluation import compare as comparing
     from companion.evaluation import table as comparing_table
@@ -288,8 +228,8 @@ def tune(
     """Find an estimator's gains from a flight, by the genetic algorithm of its paper."""
     tune_method = _tunable(estimator)
     _refuse_same(log, out)
-    settings = _settings(config, estimator)
-    _say_if_compiling(estimator)
+    settings = resolve_settings(config, estimator)
+    say_if_compiling(estimator)
 
     from companion.evaluation.samples import samples_of
 
@@ -323,7 +263,7 @@ def check(
         return
     from companion.config import dump
 
-    print(dump(_settings(config, None)), end="")
+    print(dump(resolve_settings(config, None)), end="")
 
 
 def _keys_table() -> str:
@@ -361,92 +301,16 @@ def warm_up_command() -> None:
     from companion.warmup import warm_up
 
     settings = load_settings()
-    _say_if_compiling(settings.estimator)
+    say_if_compiling(settings.estimator)
     started_s = time.perf_counter()
     warm_up(settings)
     print(f"compiled in {time.perf_counter() - started_s:.1f} s")
-
-
-class StatusLine:
-    """One line that is rewritten on a terminal; elsewhere a line every ten seconds and at each
-    change of health."""
-
-    PLAIN_PERIOD_S = 10.0
-
-    def __init__(self, service: "Service") -> None:
-        self._service = service
-        self._terminal = sys.stdout.isatty()
-        self._last: tuple[Any, float] = (None, 0.0)
-
-    def show(self, status: "Status") -> None:
-        line = format_status(status)
-        if self._terminal:
-            print(f"\r\x1b[2K{line}", end="", flush=True)
-            return
-        health, when_s = self._last
-        now_s = time.monotonic()
-        if health != status.health or now_s - when_s >= self.PLAIN_PERIOD_S:
-            self._last = (status.health, now_s)
-            print(line, flush=True)
-
-
-def format_status(status: "Status") -> str:
-    """`status` as one readable line."""
-    if status.altitude_amsl_m == status.altitude_amsl_m:
-        altitude = f"{status.altitude_amsl_m:8.1f} m  sd {status.altitude_sd_m:4.1f}  {status.climb_mps:+5.1f} m/s"
-    else:
-        altitude = "no altitude"
-    shown = ("pressure", "gnss", "imu", "altitude")
-    rates = "  ".join(f"{name} {status.rates_hz.get(name, 0.0):.0f}" for name in shown)
-    return f"{status.health.name:8s} {altitude} | Hz: {rates} | {status.vehicle} | {status.link} | {status.reason}"
-
-
-def _settings(
-    config: Path | None, estimator: str | None, changes: list[str] | None = None
-) -> "CompanionSettings":
-    from companion.estimators import ESTIMATORS
-    from companion.settings import load_settings
-
-    if estimator is not None and estimator not in ESTIMATORS:
-        raise ConfigError(
-            f"no estimator is called {estimator!r}; there are: {', '.join(ESTIMATORS)}"
-        )
-    return load_settings(config, estimator=estimator).with_assignments(changes or [])
-
-
-def _say_if_compiling(*estimators: str) -> None:
-    from companion.estimators import ESTIMATORS
-    from companion.jit import is_warm
-
-    if not all(is_warm(ESTIMATORS[name].run) for name in estimators or ESTIMATORS):
-        print(
-            "compiling the estimators (first run after an installation, about half a minute)...",
-            file=sys.stderr,
-        )
 
 
 def _refuse_same(log: Path, *outputs: Path | None) -> None:
     for output in outputs:
         if output is not None and log.exists() and output.exists() and output.samefile(log):
             raise LogFormatError(f"{output}: is the log itself; choose another name for the output")
-
-
-@contextmanager
-def _stop_signals() -> Iterator[list[int]]:
-    """SIGINT and SIGTERM ask for a clean stop; a second one is an ordinary interrupt."""
-    received: list[int] = []
-
-    def stop(number: int, _frame: object) -> None:
-        if received:
-            raise KeyboardInterrupt
-        received.append(number)
-
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield received
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @contextmanager
@@ -469,12 +333,12 @@ def _bar(name: str, total: float) -> "Iterator[Callable[[float], None]]":
         yield lambda done: bar.update(task, completed=done)
 
 
-def _with_progress(reader: "LogReader", name: str) -> Iterator[Any]:
+def _with_progress(reader: "LogReader", wanted: "frozenset[int]", name: str) -> Iterator[Any]:
     with _bar(name, reader.size_bytes) as advance:
-        for count, packet in enumerate(reader):
+        for count, timed_frame in enumerate(reader.items(wanted)):
             if count % 2000 == 0:
                 advance(reader.position_bytes)
-            yield packet
+            yield timed_frame
 
 
 def _print_report(report: dict[str, Any]) -> None:
@@ -523,15 +387,32 @@ def _print_report(report: dict[str, Any]) -> None:
         console.print(table)
 
 
+def _tell(problem: str) -> None:
+    """One line on stderr, where there is one."""
+    with suppress(OSError, ValueError):
+        print(f"kollsman: {problem}", file=sys.stderr, flush=True)
+
+
 def main() -> None:
     """Entry point: an error that the user can act on is one line on stderr and exit code 1; wrong
     usage is 2."""
+    open_standard_descriptors()
     try:
-        app()
+        try:
+            app()
+        finally:
+            sys.stdout.flush()
     except KollsmanError as error:
-        print(f"kollsman: {error}", file=sys.stderr)
+        _tell(str(error))
         sys.exit(1)
     except BrokenPipeError:  # the reader of our output, such as `head`, has gone
+        discard_standard_output()
+        sys.exit(1)
+    except OSError as error:
+        if error.errno not in OUTPUT_ERRORS:
+            raise
+        _tell(f"the output cannot be written: {error.strerror}")
+        discard_standard_output()
         sys.exit(1)
 
 

@@ -14,6 +14,7 @@ import platform
 import re
 import shutil
 import tempfile
+import time
 from collections.abc import Callable
 from functools import cache
 from importlib.metadata import version
@@ -25,7 +26,8 @@ import llvmlite.binding  # a part of Numba that does not read its configuration
 logger = logging.getLogger("kollsman.jit")
 
 KEPT_CACHES = 4
-"""Versions of one module that stay in the cache."""
+"""Versions of one module that stay in the cache, besides those of the last day."""
+A_DAY_S = 86_400
 MARK = b"from companion.jit import step"
 _IMPORT = re.compile(
     rb"^ *from ((?:companion|sim|tests)[\w.]*) import ([^(\n]+|\([^)]*\))", re.MULTILINE
@@ -143,10 +145,12 @@ def _delete_old(keep: Path, module: str) -> None:
     """Every edit of a module and every upgrade makes a new folder. Folders of others stay."""
     ours = ((_OURS.fullmatch(path.name), path) for path in keep.parent.iterdir() if path != keep)
     others = [path for name, path in ours if name and name[1] == module and path.is_dir()]
+    recent_s = time.time() - A_DAY_S
     for path in sorted(others, key=lambda path: path.stat().st_mtime, reverse=True)[
         KEPT_CACHES - 1 :
     ]:
-        shutil.rmtree(path, ignore_errors=True)
+        if path.stat().st_mtime < recent_s:
+            shutil.rmtree(path, ignore_errors=True)
 
 
 def is_warm(function: Callable[..., Any]) -> bool:
@@ -165,6 +169,7 @@ os.environ["NUMBA_CACHE_DIR"] = str(_CACHE)
 
 import numba  # noqa: E402  (reads NUMBA_CACHE_DIR when imported)
 from numba import types  # noqa: E402
+from numba.core.caching import UserProvidedCacheLocator  # noqa: E402
 from numba.core.options import DefaultOptions  # noqa: E402
 
 _OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy"}
@@ -172,6 +177,17 @@ if hasattr(DefaultOptions, "_nrt"):
     _OPTIONS["_nrt"] = False
     """Numba's own switch for code that allocates nothing: without it every array that a step passes
     on is counted atomically, which takes three quarters of the time of a scalar filter."""
+
+
+class CacheLocator(UserProvidedCacheLocator):  # type: ignore[misc]
+    """Places compiled code by module and content, not by path: another checkout of the same source finds it."""
+
+    @classmethod
+    def get_suitable_cache_subpath(cls, py_file: str) -> str:
+        return Path(py_file).stem
+
+
+numba.config.CACHE_LOCATOR_CLASSES = f"{__name__}.CacheLocator,UserProvidedCacheLocator"
 
 
 def step(function: Function) -> Function:

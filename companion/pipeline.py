@@ -10,12 +10,13 @@ from typing import Protocol
 
 from companion.estimators import ESTIMATORS, Filter
 from companion.health import Health, HealthMonitor
-from companion.intake import Cause, Intake
+from companion.intake import Intake, SampleReject
 from companion.mavlink import convert
 from companion.mavlink.codec import Decoder, Encoder, Frame, Message, mavlink
 from companion.mavlink.identity import Identity, Origin
 from companion.mavlink.imu import ImuSelector
 from companion.mavlink.outputs import Outputs, heartbeat
+from companion.recorded import Item, Sensed
 from companion.samples import Kind, Packet, Rows, Verdict
 from companion.settings import CompanionSettings
 
@@ -56,6 +57,7 @@ class Pipeline:
     datagrams : whether every packet holds whole frames (UDP, logs).
     observer : sees every sample, truth and publication.
     listeners : what else wants messages of the vehicle, by message id (answers to our requests).
+    sends : False when nobody wants the frames to send: none are made, which saves half the time.
     """
 
     def __init__(
@@ -65,8 +67,10 @@ class Pipeline:
         datagrams: bool = False,
         observer: Observer | None = None,
         listeners: Mapping[int, Callable[[Message], None]] | None = None,
+        sends: bool = True,
     ) -> None:
         self.settings = settings
+        self._sends = sends
         self.decoder = Decoder(datagrams=datagrams)
         self.identity = Identity(settings.vehicle.system_id, settings.identity.component_id)
         self.intake = Intake(settings.intake)
@@ -89,6 +93,11 @@ class Pipeline:
             settings.air.qnh_hpa is not None or settings.air.temperature_c is not None
         )
         self._conflict: Callable[[Frame], None] | None = None
+
+    @property
+    def wanted(self) -> frozenset[int]:
+        """Ids of the messages that are decoded when the vehicle sends them."""
+        return frozenset(self._wanted)
 
     @property
     def now_us(self) -> int:
@@ -134,6 +143,16 @@ class Pipeline:
     def feed(self, packet: Packet) -> list[bytes]:
         """Take in a packet; the frames to send because of it."""
         return self._take(self.decoder.feed(packet.data), packet.time_us)
+
+    def feed_item(self, item: Item, arrival_us: int) -> list[bytes]:
+        """Take in what a log's reader has found; the frames to send because of it."""
+        if isinstance(item, Frame):
+            return self._take([item], arrival_us)
+        self.frames = []
+        if isinstance(item, Sensed):
+            return self._reading(item.reading, item.source, arrival_us)
+        self._compare(item.is_truth, item[1:])
+        return []
 
     def flush(self, arrival_us: int) -> list[bytes]:
         """The line fell silent: give up on a half-received frame."""
@@ -247,7 +266,7 @@ class Pipeline:
         if time_us is None:
             return sent
         if self._is_replaced(reading, message_id):
-            self.intake.counters[Cause.REPLACED] += 1
+            self.intake.counters[SampleReject.REPLACED] += 1
         elif reading.kind is Kind.IMU and not self._wants_imu:
             self.verdicts[Kind.IMU][Verdict.IGNORED] += 1
         else:
@@ -272,6 +291,10 @@ class Pipeline:
             self._tells_air = False
             known = self.settings.air
             self._sample(Kind.AIR, 0, self.intake.air(known.qnh_hpa, known.temperature_c, row))
+        return self._step(kind, instance, row)
+
+    def _step(self, kind: Kind, instance: int, row: Rows) -> list[bytes]:
+        """Give a sample to the estimator and its verdict to all who follow it."""
         verdict = self.filter.step(kind, row)
         self.verdicts[kind][verdict] += 1
         if instance == 0:
@@ -294,13 +317,15 @@ class Pipeline:
                 messages.append(altitude)
                 if self._observer is not None:
                     self._observer.published(altitude)
+        if not self._sends:
+            return []
         if changed:
             messages += self.outputs.status_text(health, self.health.reason)
         messages += self.outputs.debug(now_us, health, estimate, self.filter.state)
         return self._encode(messages) if messages else []
 
     def _encode(self, messages: list[Message]) -> list[bytes]:
-        if self._encoder is None:
+        if self._encoder is None or not self._sends:
             return []
         frames = (self._encoder.encode(message, self.identity.version) for message in messages)
         return [frame for frame in frames if frame]

@@ -21,6 +21,9 @@ from numpy.typing import NDArray
 Rows = NDArray[Any]
 """A one-dimensional structured array of one of the dtypes below."""
 
+Record = Any
+"""One row of `Rows`, or a record nested in one: what a component of an estimator's state is."""
+
 MAX_INSTANCES = 4
 
 COMPILED = os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0")
@@ -72,7 +75,7 @@ class Suspicion(IntEnum):
     that moved"""
 
 
-class Fault(IntEnum):
+class FaultySensor(IntEnum):
     """Which sensor is wrong, in an estimator that can tell (field ``faulty``)."""
 
     NONE = 0
@@ -162,7 +165,7 @@ ESTIMATE = np.dtype(
         ("qnh_sd_pa", "f8"),
         ("protection_level_m", "f8"),  # exceeded only at the configured integrity risk
         ("drift_probabilities", "f8", (3,)),  # of calm, fair, stormy weather
-        ("faulty", "i8"),  # a `Fault`
+        ("faulty", "i8"),  # a `FaultySensor`
         ("faulty_since_us", "i8"),
         ("fault_probabilities", "f8", (3,)),  # of barometer, GNSS, IMU being wrong
     ],
@@ -179,10 +182,17 @@ ORDER = np.dtype([("kind", "i8"), ("row", "i8")], align=True)
 def rows(dtype: np.dtype[Any], count: int = 1) -> Rows:
     """`count` rows of `dtype`: floats NaN, integers 0."""
     array = np.zeros(count, dtype)
-    for name, (field, *_) in (dtype.fields or {}).items():
+    _unknown(array)
+    return readable(array)
+
+
+def _unknown(array: Rows) -> None:
+    """Set every float to NaN, those of nested records included."""
+    for name, (field, *_) in (array.dtype.fields or {}).items():
         if field.base.kind == "f":
             array[name] = np.nan
-    return readable(array)
+        elif field.base.kind == "V":
+            _unknown(array[name])
 
 
 def readable(array: Rows) -> Rows:

@@ -10,13 +10,14 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from companion.backlog import Backlog
 from companion.clock import Clock
 from companion.errors import IdentityError, LogFormatError
 from companion.estimators import ESTIMATORS
 from companion.health import Health
 from companion.links import Link
 from companion.logs import LogWriter
-from companion.mavlink.codec import Cause, Frame, Message, mavlink
+from companion.mavlink.codec import Frame, FrameReject, Message, mavlink
 from companion.mavlink.identity import Origin, autopilot_name
 from companion.mavlink.streams import StreamRequester, wanted
 from companion.pipeline import Observer, Pipeline
@@ -32,6 +33,18 @@ HEARTBEAT_US = 1_000_000
 NOTICE_US = 5_000_000
 STATUS_US = 1_000_000
 FOREIGN_HEARTBEATS = 2
+SESSION_US = 60_000_000
+"""Our own frames are recorded this long after the last that was heard."""
+OUTDATED = frozenset(
+    {
+        mavlink.MAVLINK_MSG_ID_ALTITUDE,
+        mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT,
+        mavlink.MAVLINK_MSG_ID_DEBUG,
+        mavlink.MAVLINK_MSG_ID_DEBUG_VECT,
+        mavlink.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY,
+    }
+)
+"""Not sent when they are made of old samples."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +86,8 @@ class Service:
         self.settings = settings
         self.published = 0
         self.sent_frames = 0
+        self.outdated = 0
+        """frames that were not sent because they were made of old samples"""
         listeners = {mavlink.MAVLINK_MSG_ID_COMMAND_ACK: self._acknowledged}
         self.pipeline = Pipeline(settings, observer=observer, listeners=listeners)
         self.pipeline.on_own_ids(self._own_ids_heard)
@@ -82,6 +97,7 @@ class Service:
         self._foreign_heartbeats = 0
         start_us = clock.now_us()
         self._start_us = start_us
+        self._backlog = Backlog()
         self._heard_us = start_us
         self._heartbeat_due_us = start_us
         self._flushed = True
@@ -106,12 +122,16 @@ class Service:
 
     def turn(self, timeout_s: float) -> None:
         """One turn of the loop: wait for bytes at most `timeout_s`, handle them, do what is due."""
+        timeout_s = 0.0 if self._backlog.behind else timeout_s
         data = self.link.receive(timeout_s)
         now_us = self.clock.now_us()
+        self._backlog.received(now_us, timeout_s, bool(data))
         if data:
             self._heard_us, self._flushed = now_us, False
-            self._send(self.pipeline.feed(Packet(now_us, data)), now_us)
+            frames = self.pipeline.feed(Packet(now_us, data))
+            self._backlog.handled(now_us, self.pipeline.now_us)
             self._record_heard(now_us)
+            self._send(self._current(frames), now_us)
         elif now_us - self._heard_us > QUIET_US and not self._flushed:
             self._flushed = True
             self._send(self.pipeline.flush(now_us), now_us)
@@ -185,7 +205,7 @@ class Service:
             check = "check cable, port, baud rate, and that the autopilot sends here"
             return f"nothing received on {link.url} in 5 s: {check}"
         if pipeline.decoder.frames == 0:
-            junk = pipeline.decoder.counters[Cause.JUNK]
+            junk = pipeline.decoder.counters[FrameReject.JUNK]
             check = "check the baud rate, and that the port is set to MAVLink 2"
             return f"{received} bytes on {link.url} but no MAVLink ({junk} junk): {check}"
         if pipeline.identity.vehicle is None:
@@ -206,6 +226,14 @@ class Service:
             return f"no {name} in 5 s, only {names}: check the stream rates of this port (README, recipes)"
         return ""
 
+    def _current(self, frames: list[bytes]) -> list[bytes]:
+        """`frames` without those that tell an altitude of long ago."""
+        if not self._backlog.behind:
+            return frames
+        current = [frame for frame in frames if _message_id(frame) not in OUTDATED]
+        self.outdated += len(frames) - len(current)
+        return current
+
     def _send(self, frames: list[bytes], now_us: int) -> None:
         for frame in frames:
             if not self.link.send(frame):
@@ -214,7 +242,8 @@ class Service:
             self._recent.append(frame)
             if _message_id(frame) == mavlink.MAVLINK_MSG_ID_ALTITUDE:
                 self.published += 1
-            self._record(now_us, frame)
+            if self.link.statistics.received_bytes and now_us - self._heard_us < SESSION_US:
+                self._record(now_us, frame)
 
     def _record_heard(self, now_us: int) -> None:
         for frame in self.pipeline.frames:
@@ -251,9 +280,10 @@ class Service:
         identity, decoder = self.pipeline.identity, self.pipeline.decoder
         bad = {str(cause): count for cause, count in decoder.counters.items() if count}
         strangers = identity.counters[Origin.STRANGER]
+        outdated = f", {self.outdated} outdated not sent" if self.outdated else ""
         return (
             f"{decoder.frames} frames heard ({identity.counters[Origin.VEHICLE]} of the vehicle, {strangers} others), "
-            f"{self.sent_frames} sent ({self.published} ALTITUDE), bad input: {bad or 'none'}"
+            f"{self.sent_frames} sent ({self.published} ALTITUDE{outdated}), bad input: {bad or 'none'}"
         )
 
 

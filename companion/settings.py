@@ -15,6 +15,7 @@ from companion.intake import IntakeSettings
 from companion.mavlink.identity import OUR_COMPONENT_ID
 from companion.mavlink.outputs import PublishSettings
 from companion.mavlink.streams import StreamSettings
+from companion.recording import RecordSettings
 
 
 class VehicleSettings(Settings):
@@ -69,6 +70,7 @@ class CompanionSettings(Settings):
     health: HealthSettings = HealthSettings()
     publish: PublishSettings = PublishSettings()
     streams: StreamSettings = StreamSettings()
+    record: RecordSettings = RecordSettings()
     estimators: EstimatorSections = EstimatorSections()
 
     def section(self, estimator: str) -> Settings:

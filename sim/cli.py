@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from companion.links import Link
     from sim.flight import Flight, Progress, Summary
-    from sim.studies.demo import Reading
+    from sim.studies.demo import DemoRow
 
 app = typer.Typer(
     name="kollsman-sim",
@@ -195,7 +195,7 @@ class _DemoTable:
     def __init__(self) -> None:
         self._headed = False
 
-    def show(self, now: "Reading") -> None:
+    def show(self, now: "DemoRow") -> None:
         if round(now.time_s) % self.PERIOD_S:
             return
         if not self._headed:

@@ -22,8 +22,8 @@ from companion.logs.tlog import TlogWriter
 from companion.samples import Packet
 from sim import BOOT_UNIX_US, STEPS_PER_TICK
 from sim.aircraft import Aircraft, Truth
-from sim.faults.way import Way
-from sim.pilot.approach import Place
+from sim.faults.injector import FaultInjector
+from sim.pilot.approach import LandingSite
 from sim.pilot.autopilot import UPDATE_HZ, Autopilot, Mode, Target
 from sim.pilot.profile import Hold, Profile
 from sim.pilot.stall import StallWatch
@@ -132,7 +132,7 @@ class Flight:
         self._on_fix = on_fix
         self._airborne = False
         self._received_bytes = 0
-        self._ways: list[Way] = []
+        self._ways: list[FaultInjector] = []
         seed = self._seed = scenario.seed if seed is None else seed
         self._start_aircraft(seed)
         face = FLAVOURS[flavour or scenario.flavour]
@@ -172,7 +172,7 @@ class Flight:
             else (aloft.altitude_amsl_m, aloft.airspeed_mps or cruise_mps),
             seed=seed,
         )
-        place = Place(
+        site = LandingSite(
             runway.latitude_deg, runway.longitude_deg, runway.heading_deg, runway.elevation_m,
             self.aircraft.rest_height_m,
             self.aircraft.powered,
@@ -180,7 +180,7 @@ class Flight:
         self.profile = Profile(
             scenario.profile,
             self.autopilot.gains,
-            place,
+            site,
             None if aloft is None else aloft.altitude_amsl_m,
         )
         self._stall = StallWatch(self.aircraft)
@@ -348,9 +348,11 @@ class Flight:
         if not self.scenario.faults:
             return deliver
         if link is None:
-            way = Way(self.scenario.faults, self._seed, self._log_time_us, self._log_packet)
+            way = FaultInjector(
+                self.scenario.faults, self._seed, self._log_time_us, self._log_packet
+            )
         else:
-            way = Way(
+            way = FaultInjector(
                 self.scenario.faults,
                 self._seed,
                 self._log_time_us,

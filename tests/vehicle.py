@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from companion.health import Health
-from companion.logs import open_log
-from companion.logs.tlog import TlogWriter
+from companion.logs.tlog import TlogReader, TlogWriter
 from companion.mavlink.codec import Message, mavlink
 from companion.pipeline import Pipeline
 from companion.samples import Kind, Packet, Rows, Verdict
@@ -274,7 +273,7 @@ def write(path: Path, packets: Iterable[Packet]) -> Path:
 
 def replay(path: Path, settings: CompanionSettings | None = None) -> Outcome:
     """A tlog through the companion."""
-    reader = open_log(path)
+    reader = TlogReader(path)
     outcome = feed(reader, settings)
     outcome.damage = {str(cause): count for cause, count in reader.counters.items() if count}
     return outcome

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from companion.errors import ConfigError
 from companion.estimators import ESTIMATORS, run_log
-from companion.evaluation.detection import Accused
+from companion.evaluation.detection import Attribution
 from companion.evaluation.integrity import coverage, plot_stanford, protection
 from companion.evaluation.metrics import Array, errors, truth_at
 from companion.evaluation.samples import BOOT_US, samples_of
@@ -52,7 +52,7 @@ class Result:
     median_level_m: float = math.nan
     """protection level"""
     exceedances: float = math.nan
-    """episodes of |error| above the protection level (`companion.evaluation.integrity`)"""
+    """exceedances: |error| above the protection level (`companion.evaluation.integrity`)"""
     exceeded_share: float = math.nan
 
 
@@ -66,7 +66,7 @@ class Series:
     climb_mps: Array
     sd_m: Array
     cost_us: float = math.nan
-    accused: Accused | None = None
+    attribution: Attribution | None = None
     """of estimators"""
     takeoff_m: Array | None = None
     """height above take-off, where the source tells it"""
@@ -178,16 +178,16 @@ def estimate_series(name: str, log: SampleLog, settings: CompanionSettings) -> S
         _floats(estimates["climb_mps"][chosen]),
         _floats(estimates["altitude_sd_m"][chosen]),
         cost_us,
-        _accused(estimates[chosen], arrival_us),
+        _attribution(estimates[chosen], arrival_us),
         _floats(estimates["height_above_takeoff_m"][chosen]),
         level_m if np.isfinite(level_m).any() else None,
     )
 
 
-def _accused(estimates: Rows, arrival_us: Array) -> Accused:
+def _attribution(estimates: Rows, arrival_us: Array) -> Attribution:
     """With the claimed onset, which is on the vehicle's clock, moved to the clock of arrival."""
     since_us = _floats(estimates["faulty_since_us"]) + arrival_us - _floats(estimates["time_us"])
-    return Accused(arrival_us, np.asarray(estimates["faulty"], np.int64), since_us)
+    return Attribution(arrival_us, np.asarray(estimates["faulty"], np.int64), since_us)
 
 
 def takeoff_of(log: SampleLog, truth_us: Array, truth_m: Array) -> tuple[float, float]:

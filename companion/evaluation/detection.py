@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.evaluation.metrics import Array
-from companion.samples import Fault
+from companion.samples import FaultySensor
 
 Accusations = NDArray[np.int64]
-"""field ``faulty`` of the estimates: `companion.samples.Fault` as numbers, shape (n,)"""
+"""field ``faulty`` of the estimates: `companion.samples.FaultySensor` as numbers, shape (n,)"""
 
 
-class Accused(NamedTuple):
+class Attribution(NamedTuple):
     """What an estimator said of its sensors over a log, shape (n,) each, on the clock by which the
     log arrived."""
 
@@ -51,7 +51,7 @@ def detection(
     since_us: Array,
     onset_us: float,
     end_us: float,
-    sensor: Fault,
+    sensor: FaultySensor,
 ) -> Detection:
     """Judge the accusations while `sensor` is wrong, from `onset_us` until before `end_us`
     (``math.inf``: to the end).
@@ -61,7 +61,7 @@ def detection(
     """
     lasts = (times_us >= onset_us) & (times_us < end_us)
     right = lasts & (faulty == sensor)
-    wrong = lasts & (faulty != sensor) & (faulty != Fault.NONE)
+    wrong = lasts & (faulty != sensor) & (faulty != FaultySensor.NONE)
     count = np.count_nonzero(lasts)
     first = int(np.argmax(right)) if right.any() else None
     return Detection(
@@ -76,9 +76,9 @@ def detection(
 def _cleared_s(
     times_us: Array, faulty: Accusations, lasts: NDArray[np.bool_], end_us: float
 ) -> float:
-    if not lasts.any() or faulty[lasts][-1] == Fault.NONE:
+    if not lasts.any() or faulty[lasts][-1] == FaultySensor.NONE:
         return math.nan
-    clear = (times_us >= end_us) & (faulty == Fault.NONE)
+    clear = (times_us >= end_us) & (faulty == FaultySensor.NONE)
     return float(times_us[np.argmax(clear)] - end_us) * 1e-6 if clear.any() else math.nan
 
 
@@ -91,8 +91,8 @@ def false_alarms(
     An accusation begins where ``faulty`` changes to a sensor; one that outlasts a fault is late,
     not false.
     """
-    before = np.concatenate([[Fault.NONE], faulty[:-1]])
-    begins = (faulty != Fault.NONE) & (faulty != before)
+    before = np.concatenate([[FaultySensor.NONE], faulty[:-1]])
+    begins = (faulty != FaultySensor.NONE) & (faulty != before)
     for onset_us, end_us in windows_us:
         begins &= (times_us < onset_us) | (times_us >= end_us)
     return int(np.count_nonzero(begins))

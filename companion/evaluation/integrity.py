@@ -1,9 +1,10 @@
 """Whether a claimed spread and a protection level can be believed: coverage, exceedances, Stanford
 diagram.
 
-An exceedance is an episode, since errors that last are exceeded for a while or several times in a row: it begins where
-|error| > level, and two of them less than `EPISODE_S` apart are one. That is the correlation time of the slow GNSS
-error, over which the allocated rate (`companion.estimators.vertical_bank.settings.crossing_sigma`) counts one crossing.
+Errors last, so one error is above its level in many samples. An exceedance therefore begins where
+|error| > level, and two that are less than `EXCEEDANCE_APART_S` apart count as one. That time is the
+correlation time of the slow GNSS error, over which the allocated rate
+(`companion.estimators.vertical_bank.settings.crossing_sigma`) counts one crossing.
 
 The Stanford diagram (Tossaint et al., "The Stanford - ESA integrity diagram", 2007) sets |error|
 against level: above the diagonal all is well, below it the level misleads; beyond the alert limit a
@@ -19,7 +20,7 @@ import numpy as np
 
 from companion.evaluation.metrics import Array
 
-EPISODE_S = 250.0
+EXCEEDANCE_APART_S = 250.0
 LONGEST_STEP_S = 2.0
 """a gap in a series that is longer counts as no time"""
 ALERT_LIMIT_M = 50.0
@@ -43,7 +44,7 @@ class Protection:
 
     hours: float
     exceedances: int
-    """episodes"""
+    """number of exceedances (see the module)"""
     exceeded_share: float
     """of the samples"""
     median_level_m: float
@@ -96,13 +97,13 @@ def protection(times_s: Array, error_m: Array, level_m: Array) -> Protection | N
     above = np.abs(error_m) > level_m
     return Protection(
         hours=float(np.sum(steps_s[steps_s <= LONGEST_STEP_S])) / 3600.0,
-        exceedances=episodes(times_s[above]),
+        exceedances=count_exceedances(times_s[above]),
         exceeded_share=float(np.mean(above)),
         median_level_m=float(np.median(level_m)),
     )
 
 
-def episodes(times_s: Array, apart_s: float = EPISODE_S) -> int:
+def count_exceedances(times_s: Array, apart_s: float = EXCEEDANCE_APART_S) -> int:
     """How many groups of instants (in order) there are, groups being at least `apart_s` apart."""
     return int(times_s.size and 1 + np.count_nonzero(np.diff(times_s) >= apart_s))
 

@@ -37,6 +37,21 @@ class _Tap:
         """Not a sample."""
 
 
+class _Sampler(Pipeline):
+    """A pipeline without an estimator: it ends with the sample rows."""
+
+    def __init__(self, settings: CompanionSettings, tap: _Tap) -> None:
+        super().__init__(settings, datagrams=True, observer=tap, sends=False)
+        self._tap = tap
+
+    def _step(self, kind: Kind, instance: int, row: Rows) -> list[bytes]:
+        self._tap.sample(kind, row, Verdict.IGNORED, self.estimate)
+        return []
+
+    def _react(self, *, used: bool) -> list[bytes]:
+        return []
+
+
 def samples_of(
     path: Path,
     settings: CompanionSettings | None = None,
@@ -47,10 +62,10 @@ def samples_of(
     `on_progress` is called with the fraction read.
     """
     tap = _Tap()
-    pipeline = Pipeline(settings or CompanionSettings(), datagrams=True, observer=tap)
+    pipeline = _Sampler(settings or CompanionSettings(), tap)
     reader = open_log(path)
-    for count, packet in enumerate(reader):
-        pipeline.feed(packet)
+    for count, (time_us, frame) in enumerate(reader.items(pipeline.wanted)):
+        pipeline.feed_item(frame, time_us)
         if on_progress is not None and count % 5000 == 0:
             on_progress(reader.position_bytes / reader.size_bytes)
     return tap.log

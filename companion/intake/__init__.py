@@ -1,7 +1,7 @@
 """Readings in, sample rows out: the vehicle clock and the plausibility check. Knows no estimator."""
 
-from companion.intake.rows import Cause, Intake
+from companion.intake.rows import Intake, SampleReject
 from companion.intake.settings import IntakeSettings
 from companion.intake.vehicle_clock import Clockwork, VehicleClock
 
-__all__ = ["Cause", "Clockwork", "Intake", "IntakeSettings", "VehicleClock"]
+__all__ = ["SampleReject", "Clockwork", "Intake", "IntakeSettings", "VehicleClock"]

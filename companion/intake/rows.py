@@ -19,7 +19,7 @@ from companion.samples import DTYPES, MAX_INSTANCES, Kind, Rows, rows
 logger = logging.getLogger("kollsman.intake")
 
 
-class Cause(StrEnum):
+class SampleReject(StrEnum):
     """Why a reading did not become a sample."""
 
     NO_CLOCK = "no boot clock yet"
@@ -33,7 +33,7 @@ class Intake:
     def __init__(self, settings: IntakeSettings) -> None:
         self.clock = VehicleClock(settings)
         self.datum = DatumScreen(settings)
-        self.counters: Counter[Cause] = Counter()
+        self.counters: Counter[SampleReject] = Counter()
         self._latency_us = round(settings.gnss_latency_s * 1e6)
         self._rows = {kind: rows(dtype) for kind, dtype in DTYPES.items()}
 
@@ -49,7 +49,9 @@ class Intake:
         """
         clockwork, time_us = self.clock.place(reading, source)
         if clockwork is Clockwork.DOUBT or not 0 <= reading.instance < MAX_INSTANCES:
-            self.counters[Cause.NO_CLOCK if self.clock.now_us < 0 else Cause.CLOCK] += 1
+            self.counters[
+                SampleReject.NO_CLOCK if self.clock.now_us < 0 else SampleReject.CLOCK
+            ] += 1
             return None, None
         return time_us, self._reboot(time_us, arrival_us) if clockwork is Clockwork.REBOOT else None
 

@@ -12,7 +12,7 @@ from serial.tools import list_ports
 
 from companion.clock import Clock
 from companion.errors import LinkError
-from companion.links.stream import Stream, StreamLink
+from companion.links.stream import ByteStream, StreamLink
 from companion.links.urls import Endpoint
 
 try:
@@ -64,7 +64,7 @@ class SerialLink(StreamLink):
         except OSError as error:
             raise LinkError(_explain(endpoint, error)) from error
 
-    def _dial(self, timeout_s: float) -> Stream:
+    def _dial(self, timeout_s: float) -> ByteStream:
         return _Port(self._endpoint.address, self._endpoint.number)
 
 

@@ -11,7 +11,7 @@ from companion.links.base import Backoff, BaseLink, log, readable
 READ_SIZE = 4096
 
 
-class Stream(Protocol):
+class ByteStream(Protocol):
     """A connected, non-blocking byte stream. A `socket.socket` is one."""
 
     def fileno(self) -> int: ...
@@ -21,21 +21,21 @@ class Stream(Protocol):
 
 
 class StreamLink(BaseLink):
-    """A link over one `Stream` at a time: dials, reads, notices the end, dials again. A transport
+    """A link over one `ByteStream` at a time: dials, reads, notices the end, dials again. A transport
     brings `_dial`."""
 
     def __init__(self, url: str, clock: Clock, backoff: Backoff | None = None) -> None:
         super().__init__(url, clock)
-        self._stream: Stream | None = None
+        self._stream: ByteStream | None = None
         self._unsent = b""
         self._retry = backoff or Backoff(clock)
 
     @abstractmethod
-    def _dial(self, timeout_s: float) -> Stream | None:
+    def _dial(self, timeout_s: float) -> ByteStream | None:
         """One connected stream; None when there is none after `timeout_s`; OSError when this
         attempt failed."""
 
-    def _connected(self, stream: Stream, who: str) -> None:
+    def _connected(self, stream: ByteStream, who: str) -> None:
         self._stream = stream
         self._unsent = b""
         self._found(who)
@@ -72,7 +72,7 @@ class StreamLink(BaseLink):
                 self._clock.sleep_s(min(wait_s, left_s))
         return self._read(self._stream, max(0.0, (deadline_us - self._clock.now_us()) / 1e6))
 
-    def _read(self, stream: Stream, timeout_s: float) -> bytes:
+    def _read(self, stream: ByteStream, timeout_s: float) -> bytes:
         try:
             if not readable(stream, timeout_s):
                 return b""

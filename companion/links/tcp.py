@@ -7,7 +7,7 @@ from errno import EINPROGRESS
 from companion.clock import Clock
 from companion.links.base import Backoff, readable, writable
 from companion.links.sockets import listener, resolve
-from companion.links.stream import Stream, StreamLink
+from companion.links.stream import ByteStream, StreamLink
 from companion.links.urls import Endpoint
 
 CONNECT_TIMEOUT_S = 5.0
@@ -54,7 +54,7 @@ class TcpClient(StreamLink):
             endpoint, socket.SOCK_STREAM
         )  # a host that does not exist: an error now, an outage later
 
-    def _dial(self, timeout_s: float) -> Stream | None:
+    def _dial(self, timeout_s: float) -> ByteStream | None:
         """A call outlives this method: a short `receive` must not cut off a slow handshake."""
         if self._calling is None:
             self._calling = self._call()
@@ -107,7 +107,7 @@ class TcpServer(StreamLink):
         )  # it is the clients who wait
         self._heard_us = clock.now_us()
 
-    def _dial(self, timeout_s: float) -> Stream | None:
+    def _dial(self, timeout_s: float) -> ByteStream | None:
         if not readable(self._listener, timeout_s):
             return None
         connection, _ = self._listener.accept()

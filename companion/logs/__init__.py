@@ -1,27 +1,37 @@
-"""Logs of packets: reading, writing, pacing. A new format is one file and one line in `FORMATS`."""
+"""Logs: reading, writing, pacing. A new format is one file and one line in `FORMATS`."""
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import NamedTuple, Protocol, Self
 
-from companion.errors import LogFormatError
+from companion.logs import dataflash, raw, ulog
+from companion.logs.dataflash import BinReader, TextReader
+from companion.logs.raw import RawReader
 from companion.logs.tlog import TlogReader, TlogWriter
-from companion.mavlink.codec import Cause
-from companion.samples import Packet
+from companion.logs.ulog import UlogReader
+from companion.mavlink.codec import FrameReject
+from companion.recorded import Item
 
 __all__ = ["FORMATS", "Format", "LogReader", "LogWriter", "open_log"]
 
+HEAD_BYTES = 1 << 14
+
 
 class LogReader(Protocol):
-    """Packets in file order; every iteration starts anew."""
+    """Items in file order; every iteration starts anew."""
 
-    counters: Counter[Cause]
+    counters: Counter[FrameReject]
     """what was left out in the current iteration, by cause"""
     size_bytes: int
     position_bytes: int
+    frames: int
+    """items given in the current iteration"""
 
-    def __iter__(self) -> Iterator[Packet]: ...
+    def items(self, wanted: Collection[int] = ()) -> Iterator[tuple[int, Item]]:
+        """(arrival_us, item) in the order of the file; arrival is UNIX time, or boot time where the
+        log does not know the date. Frames of the `wanted` MAVLink kinds may carry their message."""
+        ...
 
 
 class LogWriter(Protocol):
@@ -43,14 +53,42 @@ class Format(NamedTuple):
     reader: Callable[[Path], LogReader]
     writer: Callable[[Path], LogWriter] | None
     help: str
-    magic: bytes = b""
-    """how every file of this kind begins; a format without one is recognised by suffix, or by
-    trying"""
+    recognises: Callable[[bytes], bool] | None = None
+    """whether a file that begins with these bytes (16 kB at most) is of this kind; a format without
+    it is recognised by suffix, or by trying"""
 
 
 FORMATS = {
+    "raw": Format(
+        (".raw",), RawReader, None, "MAVLink capture without times (also .tlog.raw)", raw.is_raw
+    ),
+    "bin": Format(
+        (".bin",),
+        BinReader,
+        None,
+        "ArduPilot dataflash log",
+        lambda head: head.startswith(dataflash.MAGIC),
+    ),
+    "log": Format(
+        (".log",),
+        TextReader,
+        None,
+        "ArduPilot dataflash log as text",
+        lambda head: dataflash.TEXT_MAGIC in head[:4096] and head[:4096].isascii(),
+    ),
+    "ulg": Format(
+        (".ulg",),
+        UlogReader,
+        None,
+        "PX4 log (extra `logs`)",
+        lambda head: head.startswith(ulog.MAGIC[:4]),
+    ),
     "tlog": Format(
-        (".tlog",), TlogReader, TlogWriter, "MAVLink telemetry log of a ground station or companion"
+        (".tlog",),
+        TlogReader,
+        TlogWriter,
+        "MAVLink telemetry log of a ground station or companion",
+        raw.is_tlog,
     ),
 }
 
@@ -65,15 +103,15 @@ def open_log(path: str | Path) -> LogReader:
 
 
 def _format_of(path: Path) -> Format:
-    longest = max(len(known.magic) for known in FORMATS.values())
     try:
         with path.open("rb") as file:
-            head = file.read(longest)
+            head = file.read(HEAD_BYTES)
     except OSError:
         head = b""  # the reader says what is wrong with the file
-    by_magic = [known for known in FORMATS.values() if known.magic and head.startswith(known.magic)]
-    by_suffix = [known for known in FORMATS.values() if path.suffix.lower() in known.suffixes]
-    without_magic = [known for known in FORMATS.values() if not known.magic]
-    for known in by_magic + by_suffix + without_magic:
-        return known
-    raise LogFormatError(f"{path}: of no known format ({', '.join(FORMATS)})")
+    for known in FORMATS.values():
+        if known.recognises is not None and known.recognises(head):
+            return known
+    for known in FORMATS.values():
+        if path.suffix.lower() in known.suffixes:
+            return known
+    return FORMATS["tlog"]  # it says what the file seems to be instead

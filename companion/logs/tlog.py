@@ -22,34 +22,34 @@ import math
 import os
 import struct
 from collections import Counter
-from collections.abc import Generator, Iterator
+from collections.abc import Collection, Generator, Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import BinaryIO, Self
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
 
 from companion.errors import LogFormatError
-from companion.mavlink.codec import MAX_FRAME_SIZE, Cause, Decoder, Frame, scan
+from companion.logs.files import opened, read
+from companion.mavlink.codec import MAX_FRAME_SIZE, Frame, FrameReject, scan
+from companion.mavlink.columns import messages, tables
 from companion.mavlink.framing import FOREIGN, extent, next_start
-from companion.samples import Packet
+from companion.mavlink.record_scan import INDEX, scan_records
+from companion.samples import Packet, Rows, rows
 
 _STAMP = struct.Struct(">Q")
 _LAST_TIME_US = 32_503_680_000_000_000  # the year 3000
 _NEIGHBOUR_US = 86_400_000_000
-_CHUNK = 1 << 18
+_CHUNK = 1 << 20
+_SMALLEST_RECORD = 8 + 8  # a time and a frame without payload
 _LOOKAHEAD = 4 * (_STAMP.size + MAX_FRAME_SIZE)  # a record, the one behind it, and some
 _PROBE_BYTES = 1 << 24
+FRAME_FIELDS = ("message_id", "system_id", "component_id", "sequence", "version", "signed")
+"""of `Frame`, behind its bytes, as `INDEX` names them"""
 _FLUSH_US = 1_000_000
 
 _OTHER_FILES = (
-    (
-        b"\xa3\x95",
-        "an ArduPilot dataflash log (.bin); use the ground station's .tlog of that flight",
-    ),
-    (
-        b"FMT,",
-        "an ArduPilot dataflash log in text (.log); use the ground station's .tlog of that flight",
-    ),
-    (b"ULog", "a PX4 log (.ulg); use the ground station's .tlog of that flight"),
     (b"\xd4\xc3\xb2\xa1", "a network capture (pcap); record a .tlog instead"),
     (b"\x0a\x0d\x0d\x0a", "a network capture (pcapng); record a .tlog instead"),
     (b"\x1f\x8b", "a gzip archive: unpack it first"),
@@ -72,7 +72,7 @@ class TlogReader:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        self.counters: Counter[Cause] = Counter()
+        self.counters: Counter[FrameReject] = Counter()
         self.size_bytes = 0
         self._restart()
         self._probe()
@@ -81,50 +81,99 @@ class TlogReader:
     def __iter__(self) -> Iterator[Packet]:
         return self._packets(math.inf)
 
+    def items(self, wanted: Collection[int] = ()) -> Iterator[tuple[int, Frame]]:
+        """(time_us, frame) of every good record; frames of `wanted` kinds carry their message.
+
+        Many times faster than decoding packets one at a time, with the same result.
+        """
+        for batch in self._batches(math.inf):
+            index = batch.rows
+            decoded: list[Any] = [None] * index.size
+            for message_id in set(np.unique(index["message_id"]).tolist()) & set(wanted):
+                where = np.flatnonzero(index["message_id"] == message_id)
+                found = messages(batch.data, index[where], message_id)
+                for place, message in zip(where.tolist(), found, strict=False):
+                    decoded[place] = message
+            fields = [index[name].tolist() for name in FRAME_FIELDS]
+            fields[-1] = list(map(bool, fields[-1]))
+            for packet, frame in zip(
+                self._emit(batch), zip(*fields, decoded, strict=True), strict=True
+            ):
+                yield packet.time_us, Frame(packet.data, *frame)
+
     def _restart(self) -> None:
         self.counters.clear()
         self.frames = 0
         self.position_bytes = 0
         """how far the iteration is, of ``size_bytes``"""
+        self._read_bytes = 0
         self._time_us: int | None = None
         self._lost = False
 
     def _packets(self, stop_bytes: float) -> Generator[Packet, None, None]:
+        for batch in self._batches(stop_bytes):
+            yield from self._emit(batch)
+
+    def _emit(self, batch: "_Batch") -> Iterator[Packet]:
+        """The packets of a batch, with the position moved along."""
+        ends = batch.rows["stop"].tolist()
+        starts = batch.rows["start"].tolist()
+        for time_us, start, end in zip(batch.rows["time_us"].tolist(), starts, ends, strict=True):
+            self.frames += 1
+            self.position_bytes = batch.position_bytes + end
+            yield Packet(time_us, batch.buffer[start:end])
+        self.position_bytes = self._read_bytes
+
+    def _batches(self, stop_bytes: float) -> "Generator[_Batch, None, None]":
+        """The records of one chunk of the file after the other."""
         self._restart()
-        with _opened(self.path) as file:
+        with opened(self.path) as file:
             self.size_bytes = os.fstat(file.fileno()).st_size
             buffer, at_end = b"", False
-            while not at_end and self.position_bytes < stop_bytes:
-                chunk = _read(file, self.path)
+            while not at_end and self._read_bytes < stop_bytes:
+                chunk = read(file, self.path, _CHUNK)
                 at_end = len(chunk) < _CHUNK
                 buffer += chunk
-                offset, start = 0, self.position_bytes
                 limit = len(buffer) if at_end else len(buffer) - _LOOKAHEAD
-                while offset < limit:
-                    frame = Cause.JUNK if self._lost else scan(buffer, offset + _STAMP.size)
-                    if not isinstance(frame, Frame):
-                        offset = self._recover(buffer, offset, limit, frame)
-                        continue
-                    (time_us,) = _STAMP.unpack_from(buffer, offset)
-                    offset += _STAMP.size + len(frame.data)
-                    if time_us > _LAST_TIME_US:
-                        self.counters[Cause.TIMESTAMP] += 1
-                        continue
-                    self._time_us = time_us
-                    self.frames += 1
-                    self.position_bytes = start + offset
-                    yield Packet(time_us, frame.data)
-                self.position_bytes = start + offset
+                data = np.frombuffer(buffer, np.uint8)
+                index = rows(INDEX, len(buffer) // _SMALLEST_RECORD + 1)
+                count, offset = self._index(buffer, data, limit, index)
+                start, self._read_bytes = self._read_bytes, self._read_bytes + offset
+                yield _Batch(buffer, data, index[:count], start)
                 buffer = buffer[offset:]
 
-    def _recover(self, buffer: bytes, offset: int, limit: int, cause: Cause | None) -> int:
+    def _index(
+        self, buffer: bytes, data: NDArray[np.uint8], limit: int, index: Rows
+    ) -> tuple[int, int]:
+        """Index the good records that begin before `limit`; their count and where they end."""
+        count = offset = 0
+        while offset < limit:
+            if not self._lost:
+                count, offset = scan_records(
+                    data, offset, limit, _LAST_TIME_US, *tables(), index, count
+                )
+                if offset >= limit:
+                    break
+                if count:
+                    self._time_us = int(index["time_us"][count - 1])
+            frame = FrameReject.JUNK if self._lost else scan(buffer, offset + _STAMP.size)
+            if isinstance(frame, Frame):
+                self.counters[FrameReject.TIMESTAMP] += 1
+                offset += _STAMP.size + len(frame.data)
+            else:
+                offset = self._recover(buffer, offset, limit, frame)
+        if count:
+            self._time_us = int(index["time_us"][count - 1])
+        return count, offset
+
+    def _recover(self, buffer: bytes, offset: int, limit: int, cause: FrameReject | None) -> int:
         """Where to go on when no good frame is where one was due; with `cause` None the file ends
         inside it."""
         end = offset + _STAMP.size + extent(buffer, offset + _STAMP.size)
         certain = cause in FOREIGN or end == len(buffer) or _record_time_us(buffer, end) is not None
         if (
             cause is not None
-            and cause is not Cause.JUNK
+            and cause is not FrameReject.JUNK
             and certain
             and _time_us(buffer, offset) is not None
         ):
@@ -133,10 +182,10 @@ class TlogReader:
         found = self._find(buffer, offset, limit)
         self._lost = found is None
         if found is None and cause is None:
-            self.counters[Cause.TRUNCATED] += 1
+            self.counters[FrameReject.TRUNCATED] += 1
             return len(buffer)
         end = limit if found is None else found
-        self.counters[Cause.JUNK] += end - offset
+        self.counters[FrameReject.JUNK] += end - offset
         return end
 
     def _find(self, buffer: bytes, offset: int, limit: int) -> int | None:
@@ -150,7 +199,7 @@ class TlogReader:
                 continue
             if self._is_believable(buffer, at - _STAMP.size, at + len(frame.data)):
                 return at - _STAMP.size
-            self.counters[Cause.TIMESTAMP] += 1
+            self.counters[FrameReject.TIMESTAMP] += 1
             at = next_start(buffer, at + len(frame.data))
         return None
 
@@ -172,9 +221,20 @@ class TlogReader:
         with closing(self._packets(_PROBE_BYTES)) as packets:
             if next(packets, None) is not None:
                 return
-        with _opened(self.path) as file:
-            found = _describe(_read(file, self.path), self.counters)
+        with opened(self.path) as file:
+            found = _describe(read(file, self.path, _CHUNK), self.counters)
         raise LogFormatError(f"{self.path}: not a telemetry log (.tlog): {found}")
+
+
+class _Batch(NamedTuple):
+    """The good records of one chunk."""
+
+    buffer: bytes
+    data: NDArray[np.uint8]
+    """the same bytes"""
+    rows: Rows
+    position_bytes: int
+    """of the chunk in the file"""
 
 
 class TlogWriter:
@@ -236,25 +296,7 @@ def _record_time_us(buffer: bytes, offset: int) -> int | None:
     return _time_us(buffer, offset) if at < len(buffer) and next_start(buffer, at) == at else None
 
 
-def _opened(path: Path) -> BinaryIO:
-    try:
-        return path.open("rb")
-    except FileNotFoundError as error:
-        raise LogFormatError(f"{path}: no such file") from error
-    except IsADirectoryError as error:
-        raise LogFormatError(f"{path}: is a folder; name a .tlog file in it") from error
-    except OSError as error:
-        raise LogFormatError(f"{path}: cannot be read: {error.strerror or error}") from error
-
-
-def _read(file: BinaryIO, path: Path) -> bytes:
-    try:
-        return file.read(_CHUNK)
-    except OSError as error:
-        raise LogFormatError(f"{path}: cannot be read: {error.strerror or error}") from error
-
-
-def _describe(head: bytes, counters: Counter[Cause]) -> str:
+def _describe(head: bytes, counters: Counter[FrameReject]) -> str:
     """What a file without a good record seems to be, and what to do."""
     if not head:
         return "the file is empty"
@@ -263,11 +305,7 @@ def _describe(head: bytes, counters: Counter[Cause]) -> str:
             return f"it looks like {name}"
     if not head.strip(b"\0"):
         return "it begins with nothing but zeros"
-    if (
-        two := b"".join(frame.data for frame in Decoder(datagrams=True).feed(head)[:2])
-    ) and two in head:
-        return "it holds MAVLink frames without times (a raw capture); record a .tlog instead"
-    if counters[Cause.TIMESTAMP]:
+    if counters[FrameReject.TIMESTAMP]:
         return "its frames have impossible times (after the year 3000)"
     if head.isascii() and b"\0" not in head:
         return "it looks like text"

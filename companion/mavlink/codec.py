@@ -1,5 +1,5 @@
 """MAVLink bytes <-> messages. No I/O, and no data makes it raise: what is not a frame is counted by
-`Cause`.
+`FrameReject`.
 
 Resynchronisation
 -----------------
@@ -33,8 +33,8 @@ from companion.mavlink.framing import (
     V1_HEADER,
     V1_LENGTHS,
     V2_HEADER,
-    Cause,
     Frame,
+    FrameReject,
     extent,
     mcrf4xx,
     next_start,
@@ -43,7 +43,7 @@ from companion.mavlink.framing import (
 
 __all__ = [
     "MAX_FRAME_SIZE",
-    "Cause",
+    "FrameReject",
     "Decoder",
     "Encoder",
     "Frame",
@@ -66,13 +66,13 @@ class Decoder:
     """
 
     def __init__(self, *, datagrams: bool = False) -> None:
-        self.counters: Counter[Cause] = Counter()
+        self.counters: Counter[FrameReject] = Counter()
         self.frames = 0
         self._datagrams = datagrams
         self._rest = b""
         # The failed start whose claimed extent is being searched: why it failed, its length, and
         # what is left of that.
-        self._suspect: Cause | None = None
+        self._suspect: FrameReject | None = None
         self._suspect_size = 0
         self._suspect_left = 0
 
@@ -86,10 +86,10 @@ class Decoder:
         return self._cut(self._rest, final=True)
 
     def decode(self, frame: Frame) -> Message | None:
-        """`decode`, with a failure counted."""
-        message = decode(frame)
+        """`decode`, with a failure counted; a message that the frame carries is taken as it is."""
+        message = frame.message if frame.message is not None else decode(frame)
         if message is None:
-            self.counters[Cause.DECODE] += 1
+            self.counters[FrameReject.DECODE] += 1
         return message
 
     def _cut(self, buffer: bytes, *, final: bool) -> list[Frame]:
@@ -105,7 +105,7 @@ class Decoder:
             if found is None:
                 if not final:
                     break
-                found = Cause.TRUNCATED
+                found = FrameReject.TRUNCATED
             end = self._pass(buffer, offset, found, final=final)
             if end is None:
                 break
@@ -116,7 +116,7 @@ class Decoder:
         self.frames += len(frames)
         return frames
 
-    def _pass(self, buffer: bytes, offset: int, cause: Cause, *, final: bool) -> int | None:
+    def _pass(self, buffer: bytes, offset: int, cause: FrameReject, *, final: bool) -> int | None:
         """Count what is at `offset` and return where to go on; None when the next byte must be
         known first."""
         if cause in FOREIGN:
@@ -127,7 +127,7 @@ class Decoder:
                 self._clear_suspect()
                 self.counters[cause] += 1
                 return end
-        if self._suspect is None and cause is not Cause.JUNK:
+        if self._suspect is None and cause is not FrameReject.JUNK:
             self._suspect = cause
             self._suspect_size = self._suspect_left = extent(buffer, offset)
         end = next_start(buffer, offset + 1)
@@ -138,7 +138,7 @@ class Decoder:
             if self._suspect_left <= 0:
                 self._convict_suspect()
         if searched:
-            self.counters[Cause.JUNK] += searched
+            self.counters[FrameReject.JUNK] += searched
         return end
 
     def _convict_suspect(self) -> None:
@@ -150,7 +150,7 @@ class Decoder:
     def _clear_suspect(self) -> None:
         """A frame began inside the suspect: what came before it was junk."""
         if self._suspect is not None:
-            self.counters[Cause.JUNK] += self._suspect_size - self._suspect_left
+            self.counters[FrameReject.JUNK] += self._suspect_size - self._suspect_left
             self._suspect = None
 
 

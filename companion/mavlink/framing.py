@@ -38,8 +38,8 @@ def _v1_lengths(kind: Any) -> range:
 
 
 mcrf4xx: Callable[..., int] = crc16.mcrf4xx
-_CRC_TABLE = [mcrf4xx(bytes([value]), 0) for value in range(256)]
-_CRC_STEPS = frozenset(_CRC_TABLE)
+CRC_TABLE = [mcrf4xx(bytes([value]), 0) for value in range(256)]
+_CRC_STEPS = frozenset(CRC_TABLE)
 CRC_EXTRA: dict[int, int] = {number: kind.crc_extra for number, kind in mavlink.mavlink_map.items()}
 V1_LENGTHS: dict[int, range] = {
     number: _v1_lengths(kind) for number, kind in mavlink.mavlink_map.items()
@@ -59,9 +59,11 @@ class Frame(NamedTuple):
     version: int
     """1 or 2"""
     signed: bool
+    message: Any = None
+    """the decoded message, where a log's reader has decoded it already"""
 
 
-class Cause(StrEnum):
+class FrameReject(StrEnum):
     """Why bytes did not become a message. JUNK counts bytes, all others count frames."""
 
     JUNK = "junk bytes"
@@ -82,7 +84,7 @@ class Cause(StrEnum):
     """a good frame of a log, with a time that cannot be"""
 
 
-FOREIGN = frozenset({Cause.DIALECT, Cause.UNKNOWN_ID})
+FOREIGN = frozenset({FrameReject.DIALECT, FrameReject.UNKNOWN_ID})
 """The causes that leave no doubt about where the frame ends."""
 
 
@@ -98,7 +100,7 @@ def extent(buffer: bytes, offset: int) -> int:
     return available
 
 
-def scan(buffer: bytes, offset: int = 0) -> Frame | Cause | None:
+def scan(buffer: bytes, offset: int = 0) -> Frame | FrameReject | None:
     """What begins at `offset`: a frame, the reason why none does, or None when that takes more
     bytes."""
     available = len(buffer) - offset
@@ -106,14 +108,14 @@ def scan(buffer: bytes, offset: int = 0) -> Frame | Cause | None:
         return None
     start = buffer[offset]
     if start not in (V1, V2):
-        return Cause.JUNK
+        return FrameReject.JUNK
     if available < 3:
         return None
     version, header, flags = (
         (2, V2_HEADER, buffer[offset + 2]) if start == V2 else (1, V1_HEADER, 0)
     )
     if flags & ~_SIGNED:
-        return Cause.FLAGS
+        return FrameReject.FLAGS
     length = buffer[offset + 1]
     body = offset + header + length
     end = body + CHECKSUM + (SIGNATURE if flags else 0)
@@ -130,14 +132,14 @@ def scan(buffer: bytes, offset: int = 0) -> Frame | Cause | None:
     # byte that is not sent.
     step = (buffer[body] | buffer[body + 1] << 8) ^ crc >> 8
     if step not in _CRC_STEPS:
-        return Cause.CRC
+        return FrameReject.CRC
     extra = CRC_EXTRA.get(message_id)
     if extra is None:
-        return Cause.UNKNOWN_ID
-    if _CRC_TABLE[(crc ^ extra) & 0xFF] != step or (
+        return FrameReject.UNKNOWN_ID
+    if CRC_TABLE[(crc ^ extra) & 0xFF] != step or (
         version == 1 and length not in V1_LENGTHS[message_id]
     ):
-        return Cause.DIALECT
+        return FrameReject.DIALECT
     return Frame(
         buffer[offset:end], message_id, system_id, component_id, sequence, version, bool(flags)
     )

@@ -1,7 +1,7 @@
 """Faults as transformers of a stream of packets, alike for a simulated vehicle and for a log.
 
-    faulty(packets, [Drop(start_s=60, duration_s=10)], seed=1)     any iterable of packets
-    Stream(faults, seed)                                           the same, packet by packet, for a live link
+    apply_faults(packets, [Drop(start_s=60, duration_s=10)], seed=1)     any iterable of packets
+    FaultChain(faults, seed)                                           the same, packet by packet, for a live link
 
 A packet is one whole frame, as logs and the simulator have them. A fault touches the frames of one
 component (the autopilot's), edits them with a correct checksum, and leaves all others and their
@@ -23,7 +23,7 @@ from companion.config import validate
 from companion.errors import ConfigError
 from companion.mavlink.framing import V1, V2
 from companion.samples import Packet
-from sim.faults.base import Dice, Effect, Fault, Moment
+from sim.faults.base import Effect, Fault, KeyedRandom, PacketContext
 from sim.faults.clock import ClockJump, Reboot
 from sim.faults.editing import header
 from sim.faults.gnss import Jamming, Outage, Slide, Spoofing, TwoDimensional
@@ -31,7 +31,7 @@ from sim.faults.link import Delay, Drop, Duplicate, Reorder
 from sim.faults.readings import Freeze, Lag
 from sim.faults.values import BlockedStaticPort, Noise, Ramp, Spike, Step, SwappedUnits, Swing
 
-__all__ = ["FAULTS", "AnyFault", "Fault", "Stream", "faulty", "parse_fault"]
+__all__ = ["FAULTS", "AnyFault", "Fault", "FaultChain", "apply_faults", "parse_fault"]
 
 AnyFault = Annotated[
     Drop | Duplicate | Reorder | Delay  # of the way
@@ -54,8 +54,8 @@ _V1, _V2 = bytes([V1]), bytes([V2])
 class _Stage:
     """One fault of a stream."""
 
-    def __init__(self, fault: Fault, dice: Dice) -> None:
-        effect = fault.effect(dice)
+    def __init__(self, fault: Fault, random: KeyedRandom) -> None:
+        effect = fault.effect(random)
         self._feed, self.due, self._ids = effect.feed, effect.due, effect.ids
         self.holds = type(effect).due is not Effect.due
         self._component = fault.component
@@ -80,18 +80,20 @@ class _Stage:
             return (packet,)
         since_us = age_us - self._start_us
         return self._feed(
-            packet, Moment(message_id, sequence, since_us, 0 <= since_us < self._duration_us)
+            packet, PacketContext(message_id, sequence, since_us, 0 <= since_us < self._duration_us)
         )
 
 
-class Stream:
+class FaultChain:
     """The faults of one stream, the first in the list being the nearest to the vehicle."""
 
     def __init__(self, faults: Sequence[Fault], seed: int) -> None:
         self._stages = [
             _Stage(
                 fault,
-                Dice(seed if fault.seed is None else fault.seed, type(fault).__name__, number),
+                KeyedRandom(
+                    seed if fault.seed is None else fault.seed, type(fault).__name__, number
+                ),
             )
             for number, fault in enumerate(faults)
         ]
@@ -129,9 +131,11 @@ class Stream:
         return found
 
 
-def faulty(packets: Iterable[Packet], faults: Sequence[Fault], seed: int = 0) -> Iterator[Packet]:
+def apply_faults(
+    packets: Iterable[Packet], faults: Sequence[Fault], seed: int = 0
+) -> Iterator[Packet]:
     """`packets` with `faults`."""
-    stream = Stream(faults, seed)
+    stream = FaultChain(faults, seed)
     for packet in packets:
         yield from stream.feed(packet)
     yield from stream.due(math.inf)

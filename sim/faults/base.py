@@ -1,4 +1,4 @@
-"""What all faults have in common: when they act, on whose frames, with which dice, and how they
+"""What all faults have in common: when they act, on whose frames, with which random numbers, and how they
 hold packets back."""
 
 import hashlib
@@ -12,8 +12,7 @@ from pydantic import Field
 
 from companion.config import Settings
 from companion.mavlink.codec import mavlink
-from companion.samples import Fault as Sensor
-from companion.samples import Packet
+from companion.samples import FaultySensor, Packet
 from sim.faults.editing import Editor
 
 SIM_STATE: int = mavlink.MAVLINK_MSG_ID_SIM_STATE
@@ -26,7 +25,7 @@ _NUMBERS = [struct.Struct(f"<{count}q") for count in range(8)]
 _HALVES = struct.Struct("<QQ")
 
 
-class Dice:
+class KeyedRandom:
     """Random numbers that depend on a seed and on what they are for, not on how many were drawn
     before.
 
@@ -51,7 +50,7 @@ class Dice:
         return math.sqrt(-2.0 * math.log(first)) * math.cos(math.tau * second)
 
 
-class Moment:
+class PacketContext:
     """When a packet meets a fault."""
 
     __slots__ = ("active", "message_id", "sequence", "since_s", "since_us")
@@ -65,7 +64,7 @@ class Moment:
         self.active = active
 
     @property
-    def luck(self) -> tuple[int, int, int]:
+    def key(self) -> tuple[int, int, int]:
         """What the dice of a link go by."""
         return self.since_us, self.message_id, self.sequence
 
@@ -79,7 +78,7 @@ class Effect:
 
     ids: frozenset[int] | None = None
 
-    def feed(self, packet: Packet, moment: Moment) -> Iterable[Packet]:
+    def feed(self, packet: Packet, context: PacketContext) -> Iterable[Packet]:
         raise NotImplementedError
 
     def due(self, time_us: float) -> Iterable[Packet]:
@@ -91,20 +90,22 @@ class Edit(Effect):
     """Changes fields of some messages while the fault lasts, one sample at a time. False of
     `change` drops it."""
 
-    def __init__(self, ids: Iterable[int], change: Callable[[Editor, Moment], bool | None]) -> None:
+    def __init__(
+        self, ids: Iterable[int], change: Callable[[Editor, PacketContext], bool | None]
+    ) -> None:
         self.ids = frozenset(ids)
         self._change = change
 
-    def feed(self, packet: Packet, moment: Moment) -> Iterable[Packet]:
-        if not moment.active:
+    def feed(self, packet: Packet, context: PacketContext) -> Iterable[Packet]:
+        if not context.active:
             return (packet,)
-        message = Editor(packet.data, moment.message_id)
-        if self._change(message, moment) is False:
+        message = Editor(packet.data, context.message_id)
+        if self._change(message, context) is False:
             return ()
         return (Packet(packet.time_us, message.close()),)
 
 
-class Held:
+class DelayQueue:
     """Packets that come later, each at its own time."""
 
     def __init__(self) -> None:
@@ -145,11 +146,11 @@ class Fault(Settings):
     """whether the sensor itself says how unwell it is, so that nobody need accuse it"""
 
     @property
-    def harms(self) -> Sensor:
+    def faulty_sensor(self) -> FaultySensor:
         """Whose readings are wrong, in the words of an estimator's field ``faulty``; NONE where no
         sensor is."""
-        return Sensor.NONE
+        return FaultySensor.NONE
 
-    def effect(self, dice: Dice) -> Effect:
+    def effect(self, random: KeyedRandom) -> Effect:
         """The fault at work on one stream."""
         raise NotImplementedError

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from companion.samples import Packet
-from sim.faults.base import Dice, Effect, Fault, Moment
+from sim.faults.base import Effect, Fault, KeyedRandom, PacketContext
 from sim.faults.editing import Editor, layout, with_sequence
 
 _UNIX_US = 10**15
@@ -27,7 +27,7 @@ class ClockJump(Fault):
     jump_s: Annotated[float, Field(ge=-1e6, le=1e6)] = 30.0
     """by which the clock is ahead of the true one"""
 
-    def effect(self, dice: Dice) -> Effect:
+    def effect(self, random: KeyedRandom) -> Effect:
         return _Jump(round(self.jump_s * 1e6))
 
 
@@ -35,11 +35,11 @@ class _Jump(Effect):
     def __init__(self, jump_us: int) -> None:
         self._jump_us = jump_us
 
-    def feed(self, packet: Packet, moment: Moment) -> Iterable[Packet]:
-        found = layout(moment.message_id)
-        if not moment.active or found is None or not found.stamps:
+    def feed(self, packet: Packet, context: PacketContext) -> Iterable[Packet]:
+        found = layout(context.message_id)
+        if not context.active or found is None or not found.stamps:
             return (packet,)
-        message = Editor(packet.data, moment.message_id)
+        message = Editor(packet.data, context.message_id)
         _shift(message, self._jump_us, unix_too=True)
         return (Packet(packet.time_us, message.close()),)
 
@@ -51,7 +51,7 @@ class Reboot(Fault):
     duration_s: Annotated[float, Field(gt=0.0, le=3600.0)] = 3.0
     """of the silence"""
 
-    def effect(self, dice: Dice) -> Effect:
+    def effect(self, random: KeyedRandom) -> Effect:
         return _Reboot(round(self.duration_s * 1e6))
 
 
@@ -63,17 +63,17 @@ class _Reboot(Effect):
         any latency"""
         self._sequence = 0
 
-    def feed(self, packet: Packet, moment: Moment) -> Iterable[Packet]:
-        found = layout(moment.message_id)
+    def feed(self, packet: Packet, context: PacketContext) -> Iterable[Packet]:
+        found = layout(context.message_id)
         stamped = found is not None and bool(found.stamps)
-        back = moment.since_us >= self._silence_us
+        back = context.since_us >= self._silence_us
         if not back and not stamped:
-            return () if moment.active else (packet,)
-        message = Editor(packet.data, moment.message_id) if stamped else None
+            return () if context.active else (packet,)
+        message = Editor(packet.data, context.message_id) if stamped else None
         if message is not None and not back:
-            self._learn(message, moment)
+            self._learn(message, context)
         if not back:
-            return () if moment.active else (packet,)
+            return () if context.active else (packet,)
         data = packet.data
         if message is not None:
             _shift(message, -(self._silence_us + (self._ahead_us or 0)), unix_too=False)
@@ -82,11 +82,11 @@ class _Reboot(Effect):
         self._sequence = (self._sequence + 1) & 0xFF
         return (Packet(packet.time_us, data),)
 
-    def _learn(self, message: Editor, moment: Moment) -> None:
+    def _learn(self, message: Editor, context: PacketContext) -> None:
         for name, size_us in message.stamps.items():
             stamp_us = message[name] * size_us
             if 0 < stamp_us < _UNIX_US:
-                ahead_us = stamp_us - moment.since_us
+                ahead_us = stamp_us - context.since_us
                 self._ahead_us = (
                     ahead_us if self._ahead_us is None else max(self._ahead_us, ahead_us)
                 )

@@ -6,9 +6,8 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from companion.samples import Fault as Sensor
-from companion.samples import Packet
-from sim.faults.base import Dice, Edit, Effect, Fault, Metres, Moment
+from companion.samples import FaultySensor, Packet
+from sim.faults.base import Edit, Effect, Fault, KeyedRandom, Metres, PacketContext
 from sim.faults.editing import Editor
 from sim.faults.values import GPS
 
@@ -55,8 +54,8 @@ class ReceiverFault(Fault):
     """The parameters of faults of the receiver."""
 
     @property
-    def harms(self) -> Sensor:
-        return Sensor.GNSS
+    def faulty_sensor(self) -> FaultySensor:
+        return FaultySensor.GNSS
 
 
 class Outage(ReceiverFault):
@@ -68,8 +67,8 @@ class Outage(ReceiverFault):
     silent: bool = False
     """nothing comes, in place of messages that say "no fix" """
 
-    def effect(self, dice: Dice) -> Effect:
-        def change(message: Editor, _: Moment) -> bool | None:
+    def effect(self, random: KeyedRandom) -> Effect:
+        def change(message: Editor, _: PacketContext) -> bool | None:
             if self.silent:
                 return False
             _blind(message)
@@ -94,14 +93,14 @@ class Jamming(ReceiverFault):
     blind_above: Annotated[float, Field(gt=0.0, le=1.0)] = 0.8
     """share of its full strength at which the fix is lost"""
 
-    def effect(self, dice: Dice) -> Effect:
-        def change(message: Editor, moment: Moment) -> None:
+    def effect(self, random: KeyedRandom) -> Effect:
+        def change(message: Editor, context: PacketContext) -> None:
             strength = max(
                 0.0,
                 min(
                     1.0,
-                    moment.since_s / self.ramp_s,
-                    (self.duration_s - moment.since_s) / self.ramp_s,
+                    context.since_s / self.ramp_s,
+                    (self.duration_s - context.since_s) / self.ramp_s,
                 ),
             )
             if strength > self.blind_above:
@@ -109,7 +108,7 @@ class Jamming(ReceiverFault):
             if message["fix_type"] < 2:
                 return
             sd_m = self.noise_m * strength / self.blind_above
-            north, east, up = (dice.normal(moment.since_us, axis) * sd_m for axis in range(3))
+            north, east, up = (random.normal(context.since_us, axis) * sd_m for axis in range(3))
             _move(message, 0.5 * north, 0.5 * east, up)
             if message["satellites_visible"] != 255:
                 message["satellites_visible"] = max(
@@ -139,13 +138,13 @@ class Spoofing(ReceiverFault):
     limit_s: Span = 300.0
     """how long it is led away; then the error stays"""
 
-    def effect(self, dice: Dice) -> Effect:
-        def change(message: Editor, moment: Moment) -> None:
+    def effect(self, random: KeyedRandom) -> Effect:
+        def change(message: Editor, context: PacketContext) -> None:
             if message["fix_type"] < 2:
                 return
-            led_s = min(moment.since_s, self.limit_s)
+            led_s = min(context.since_s, self.limit_s)
             _move(message, self.north_mps * led_s, self.east_mps * led_s, self.up_mps * led_s)
-            if moment.since_s < self.limit_s and message["vel"] != _UNKNOWN_U16 != message["cog"]:
+            if context.since_s < self.limit_s and message["vel"] != _UNKNOWN_U16 != message["cog"]:
                 course = math.radians(message["cog"] * 0.01)
                 north = message["vel"] * 0.01 * math.cos(course) + self.north_mps
                 east = message["vel"] * 0.01 * math.sin(course) + self.east_mps
@@ -164,7 +163,7 @@ class TwoDimensional(ReceiverFault):
 
     fault: Literal["two_dimensional"] = "two_dimensional"
 
-    def effect(self, dice: Dice) -> Effect:
+    def effect(self, random: KeyedRandom) -> Effect:
         return _TwoDimensional()
 
 
@@ -175,15 +174,15 @@ class _TwoDimensional(Effect):
     def __init__(self) -> None:
         self._held: dict[str, float] = {}
 
-    def feed(self, packet: Packet, moment: Moment) -> Iterable[Packet]:
-        message = Editor(packet.data, moment.message_id)
-        if not moment.active or not self._held:
+    def feed(self, packet: Packet, context: PacketContext) -> Iterable[Packet]:
+        message = Editor(packet.data, context.message_id)
+        if not context.active or not self._held:
             self._held = (
                 {name: message[name] for name in self._HELD}
                 if message["fix_type"] >= 3
                 else self._held
             )
-        if not moment.active or message["fix_type"] < 3:
+        if not context.active or message["fix_type"] < 3:
             return (packet,)
         message["fix_type"], message["satellites_visible"] = 2, 3
         for name, value in self._held.items():
@@ -203,11 +202,11 @@ class Slide(ReceiverFault):
     height_m: Metres = 770.0
     """at the start: a real receiver slid from 1149 to 376 m while it stood on the ground"""
 
-    def effect(self, dice: Dice) -> Effect:
-        def change(message: Editor, moment: Moment) -> None:
+    def effect(self, random: KeyedRandom) -> Effect:
+        def change(message: Editor, context: PacketContext) -> None:
             if message["fix_type"] < 3:
                 return
-            offset_m = self.height_m * (1.0 - moment.since_s / self.duration_s)
+            offset_m = self.height_m * (1.0 - context.since_s / self.duration_s)
             _move(message, 0.0, 0.0, offset_m)
             for name, share in (("h_acc", 1.0), ("v_acc", 3.0)):
                 _add_known(message, name, share * abs(offset_m) * 1e3)

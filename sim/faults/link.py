@@ -12,7 +12,15 @@ from pydantic import Field, field_validator
 
 from companion.mavlink.codec import mavlink
 from companion.samples import Packet
-from sim.faults.base import SIM_STATE, Dice, Effect, Fault, Held, Moment, Probability
+from sim.faults.base import (
+    SIM_STATE,
+    DelayQueue,
+    Effect,
+    Fault,
+    KeyedRandom,
+    PacketContext,
+    Probability,
+)
 
 
 class LinkFault(Fault):
@@ -38,21 +46,21 @@ class LinkFault(Fault):
         )
 
 
-class _Lottery(Effect):
+class _RandomSelection(Effect):
     """Some packets are hit. The truth is when the frame before it was."""
 
-    def __init__(self, fault: LinkFault, dice: Dice, probability: float) -> None:
-        self._only, self._dice, self._probability = fault.ids, dice, probability
-        self._hit = False
+    def __init__(self, fault: LinkFault, random: KeyedRandom, probability: float) -> None:
+        self._only, self._random, self._probability = fault.ids, random, probability
+        self._selected = False
 
-    def hits(self, moment: Moment) -> bool:
-        if moment.message_id != SIM_STATE or (self._only is not None and SIM_STATE in self._only):
-            chosen = self._only is None or moment.message_id in self._only
-            self._hit = moment.active and chosen and self._is_drawn(moment)
-        return self._hit
+    def selects(self, context: PacketContext) -> bool:
+        if context.message_id != SIM_STATE or (self._only is not None and SIM_STATE in self._only):
+            chosen = self._only is None or context.message_id in self._only
+            self._selected = context.active and chosen and self._is_drawn(context)
+        return self._selected
 
-    def _is_drawn(self, moment: Moment) -> bool:
-        return self._probability == 1.0 or self._dice.uniform(*moment.luck) < self._probability
+    def _is_drawn(self, context: PacketContext) -> bool:
+        return self._probability == 1.0 or self._random.uniform(*context.key) < self._probability
 
 
 class Drop(LinkFault):
@@ -62,13 +70,13 @@ class Drop(LinkFault):
     probability: Probability = 1.0
     """of each packet"""
 
-    def effect(self, dice: Dice) -> Effect:
-        return _Drop(self, dice, self.probability)
+    def effect(self, random: KeyedRandom) -> Effect:
+        return _Drop(self, random, self.probability)
 
 
-class _Drop(_Lottery):
-    def feed(self, packet: Packet, moment: Moment) -> Iterable[Packet]:
-        return () if self.hits(moment) else (packet,)
+class _Drop(_RandomSelection):
+    def feed(self, packet: Packet, context: PacketContext) -> Iterable[Packet]:
+        return () if self.selects(context) else (packet,)
 
 
 class Duplicate(LinkFault):
@@ -80,26 +88,26 @@ class Duplicate(LinkFault):
     after_s: Annotated[float, Field(ge=0.0, le=60.0)] = 0.0
     """between the two"""
 
-    def effect(self, dice: Dice) -> Effect:
-        return _Duplicate(self, dice)
+    def effect(self, random: KeyedRandom) -> Effect:
+        return _Duplicate(self, random)
 
 
-class _Duplicate(_Lottery):
-    def __init__(self, fault: Duplicate, dice: Dice) -> None:
-        super().__init__(fault, dice, fault.probability)
+class _Duplicate(_RandomSelection):
+    def __init__(self, fault: Duplicate, random: KeyedRandom) -> None:
+        super().__init__(fault, random, fault.probability)
         self._after_us = round(fault.after_s * 1e6)
-        self._held = Held()
+        self._queue = DelayQueue()
 
-    def feed(self, packet: Packet, moment: Moment) -> Iterable[Packet]:
-        if not self.hits(moment) or moment.message_id == SIM_STATE:
+    def feed(self, packet: Packet, context: PacketContext) -> Iterable[Packet]:
+        if not self.selects(context) or context.message_id == SIM_STATE:
             return (packet,)
         if not self._after_us:
             return (packet, packet)
-        self._held.add(packet.time_us + self._after_us, packet.data)
+        self._queue.add(packet.time_us + self._after_us, packet.data)
         return (packet,)
 
     def due(self, time_us: float) -> Iterable[Packet]:
-        return self._held.due(time_us)
+        return self._queue.due(time_us)
 
 
 class Reorder(LinkFault):
@@ -111,24 +119,24 @@ class Reorder(LinkFault):
     hold_s: Annotated[float, Field(gt=0.0, le=60.0)] = 0.2
     """how long one is held back"""
 
-    def effect(self, dice: Dice) -> Effect:
-        return _Reorder(self, dice)
+    def effect(self, random: KeyedRandom) -> Effect:
+        return _Reorder(self, random)
 
 
-class _Reorder(_Lottery):
-    def __init__(self, fault: Reorder, dice: Dice) -> None:
-        super().__init__(fault, dice, fault.probability)
+class _Reorder(_RandomSelection):
+    def __init__(self, fault: Reorder, random: KeyedRandom) -> None:
+        super().__init__(fault, random, fault.probability)
         self._hold_us = round(fault.hold_s * 1e6)
-        self._held = Held()
+        self._queue = DelayQueue()
 
-    def feed(self, packet: Packet, moment: Moment) -> Iterable[Packet]:
-        if not self.hits(moment):
+    def feed(self, packet: Packet, context: PacketContext) -> Iterable[Packet]:
+        if not self.selects(context):
             return (packet,)
-        self._held.add(packet.time_us + self._hold_us, packet.data)
+        self._queue.add(packet.time_us + self._hold_us, packet.data)
         return ()
 
     def due(self, time_us: float) -> Iterable[Packet]:
-        return self._held.due(time_us)
+        return self._queue.due(time_us)
 
 
 class Delay(LinkFault):
@@ -140,32 +148,32 @@ class Delay(LinkFault):
     jitter_s: Annotated[float, Field(ge=0.0, le=600.0)] = 0.0
     """up to this much more, evenly spread"""
 
-    def effect(self, dice: Dice) -> Effect:
-        return _Delay(self, dice)
+    def effect(self, random: KeyedRandom) -> Effect:
+        return _Delay(self, random)
 
 
-class _Delay(_Lottery):
-    def __init__(self, fault: Delay, dice: Dice) -> None:
-        super().__init__(fault, dice, 1.0)
+class _Delay(_RandomSelection):
+    def __init__(self, fault: Delay, random: KeyedRandom) -> None:
+        super().__init__(fault, random, 1.0)
         self._fault = fault
-        self._held = Held()
+        self._queue = DelayQueue()
         self._last_us = 0
 
-    def feed(self, packet: Packet, moment: Moment) -> Iterable[Packet]:
-        if self.hits(moment):
+    def feed(self, packet: Packet, context: PacketContext) -> Iterable[Packet]:
+        if self.selects(context):
             extra_s = (
-                self._fault.jitter_s * self._dice.uniform(*moment.luck, 1)
+                self._fault.jitter_s * self._random.uniform(*context.key, 1)
                 if self._fault.jitter_s
                 else 0.0
             )
             due_us = packet.time_us + round((self._fault.delay_s + extra_s) * 1e6)
-        elif self._held and not self._only:  # the line is still busy with what it is late with
+        elif self._queue and not self._only:  # the line is still busy with what it is late with
             due_us = packet.time_us
         else:
             return (packet,)
-        self._last_us = max(self._last_us, due_us) if self._held else due_us
-        self._held.add(self._last_us, packet.data)
+        self._last_us = max(self._last_us, due_us) if self._queue else due_us
+        self._queue.add(self._last_us, packet.data)
         return ()
 
     def due(self, time_us: float) -> Iterable[Packet]:
-        return self._held.due(time_us)
+        return self._queue.due(time_us)

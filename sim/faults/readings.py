@@ -6,9 +6,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from companion.samples import Fault as Sensor
-from companion.samples import Packet
-from sim.faults.base import Dice, Effect, Fault, Moment
+from companion.samples import FaultySensor, Packet
+from sim.faults.base import Effect, Fault, KeyedRandom, PacketContext
 from sim.faults.editing import Editor
 from sim.faults.values import SENSORS
 
@@ -21,10 +20,10 @@ class Freeze(Fault):
     """whose readings"""
 
     @property
-    def harms(self) -> Sensor:
-        return Sensor[self.sensor.upper()]
+    def faulty_sensor(self) -> FaultySensor:
+        return FaultySensor[self.sensor.upper()]
 
-    def effect(self, dice: Dice) -> Effect:
+    def effect(self, random: KeyedRandom) -> Effect:
         return _Freeze(SENSORS[self.sensor])
 
 
@@ -34,13 +33,13 @@ class _Freeze(Effect):
         self._fields = fields
         self._last: dict[int, dict[str, Any]] = {}
 
-    def feed(self, packet: Packet, moment: Moment) -> Iterable[Packet]:
-        message = Editor(packet.data, moment.message_id)
-        names = self._fields[moment.message_id]
-        if not moment.active or moment.message_id not in self._last:
-            self._last[moment.message_id] = {name: message[name] for name in names}
+    def feed(self, packet: Packet, context: PacketContext) -> Iterable[Packet]:
+        message = Editor(packet.data, context.message_id)
+        names = self._fields[context.message_id]
+        if not context.active or context.message_id not in self._last:
+            self._last[context.message_id] = {name: message[name] for name in names}
             return (packet,)
-        for name, value in self._last[moment.message_id].items():
+        for name, value in self._last[context.message_id].items():
             message[name] = value
         return (Packet(packet.time_us, message.close()),)
 
@@ -55,10 +54,10 @@ class Lag(Fault):
     """how old the readings are"""
 
     @property
-    def harms(self) -> Sensor:
-        return Sensor[self.sensor.upper()]
+    def faulty_sensor(self) -> FaultySensor:
+        return FaultySensor[self.sensor.upper()]
 
-    def effect(self, dice: Dice) -> Effect:
+    def effect(self, random: KeyedRandom) -> Effect:
         return _Lag(SENSORS[self.sensor], round(self.lag_s * 1e6))
 
 
@@ -70,17 +69,17 @@ class _Lag(Effect):
             each: deque() for each in fields
         }
 
-    def feed(self, packet: Packet, moment: Moment) -> Iterable[Packet]:
+    def feed(self, packet: Packet, context: PacketContext) -> Iterable[Packet]:
         message, readings = (
-            Editor(packet.data, moment.message_id),
-            self._readings[moment.message_id],
+            Editor(packet.data, context.message_id),
+            self._readings[context.message_id],
         )
         readings.append(
-            (moment.since_us, {name: message[name] for name in self._fields[moment.message_id]})
+            (context.since_us, {name: message[name] for name in self._fields[context.message_id]})
         )
-        while len(readings) > 1 and readings[1][0] <= moment.since_us - self._lag_us:
+        while len(readings) > 1 and readings[1][0] <= context.since_us - self._lag_us:
             readings.popleft()
-        if not moment.active:
+        if not context.active:
             return (packet,)
         for name, value in readings[0][1].items():
             message[name] = value

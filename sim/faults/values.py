@@ -13,10 +13,9 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 from pydantic import Field
 
 from companion.mavlink.codec import mavlink
-from companion.samples import Fault as Sensor
-from companion.samples import Packet
+from companion.samples import FaultySensor, Packet
 from sim.aircraft import G0_MPS2
-from sim.faults.base import Dice, Edit, Effect, Fault, Moment, Probability
+from sim.faults.base import Edit, Effect, Fault, KeyedRandom, PacketContext, Probability
 from sim.faults.editing import Editor
 
 PRESSURE: int = mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE
@@ -95,16 +94,16 @@ SENSORS: Mapping[str, Mapping[int, tuple[str, ...]]] = {
 
 
 _OWNERS = {
-    "pressure": Sensor.BAROMETER,
-    "gnss": Sensor.GNSS,
-    "accel": Sensor.IMU,
-    "gyro": Sensor.IMU,
+    "pressure": FaultySensor.BAROMETER,
+    "gnss": FaultySensor.GNSS,
+    "accel": FaultySensor.IMU,
+    "gyro": FaultySensor.IMU,
 }
 
 
-def _owner(quantity: str) -> Sensor:
+def _owner(quantity: str) -> FaultySensor:
     """The sensor of an altitude that measures it; the die's temperature is nobody's measurement."""
-    return _OWNERS.get(quantity.split("_", maxsplit=1)[0], Sensor.NONE)
+    return _OWNERS.get(quantity.split("_", maxsplit=1)[0], FaultySensor.NONE)
 
 
 def _holds(message: Editor, name: str) -> bool:
@@ -129,7 +128,7 @@ class ValueFault(Fault):
         return QUANTITIES[self.quantity]
 
     @property
-    def harms(self) -> Sensor:
+    def faulty_sensor(self) -> FaultySensor:
         return _owner(self.quantity)
 
 
@@ -143,7 +142,7 @@ class Step(ValueFault):
     size: Size
     """in the quantity's unit"""
 
-    def effect(self, dice: Dice) -> Effect:
+    def effect(self, random: KeyedRandom) -> Effect:
         target = self.target
         return Edit(target.fields, lambda message, _: target.shift(message, self.size))
 
@@ -155,10 +154,11 @@ class Ramp(ValueFault):
     rate: Size
     """in the quantity's unit a second"""
 
-    def effect(self, dice: Dice) -> Effect:
+    def effect(self, random: KeyedRandom) -> Effect:
         target = self.target
         return Edit(
-            target.fields, lambda message, moment: target.shift(message, self.rate * moment.since_s)
+            target.fields,
+            lambda message, context: target.shift(message, self.rate * context.since_s),
         )
 
 
@@ -171,12 +171,12 @@ class Swing(ValueFault):
     period_s: Annotated[float, Field(gt=0.0, le=1e6)] = 60.0
     """of one swing, there and back"""
 
-    def effect(self, dice: Dice) -> Effect:
+    def effect(self, random: KeyedRandom) -> Effect:
         target, rate_radps = self.target, math.tau / self.period_s
         return Edit(
             target.fields,
-            lambda message, moment: target.shift(
-                message, self.size * math.sin(rate_radps * moment.since_s)
+            lambda message, context: target.shift(
+                message, self.size * math.sin(rate_radps * context.since_s)
             ),
         )
 
@@ -190,11 +190,11 @@ class Spike(ValueFault):
     probability: Probability = 0.05
     """of each reading"""
 
-    def effect(self, dice: Dice) -> Effect:
+    def effect(self, random: KeyedRandom) -> Effect:
         target = self.target
 
-        def change(message: Editor, moment: Moment) -> None:
-            draw = dice.uniform(moment.since_us, moment.message_id)
+        def change(message: Editor, context: PacketContext) -> None:
+            draw = random.uniform(context.since_us, context.message_id)
             if draw < self.probability:
                 target.shift(message, self.size if draw < 0.5 * self.probability else -self.size)
 
@@ -208,12 +208,12 @@ class Noise(ValueFault):
     sd: Annotated[float, Field(gt=0.0, le=1e6)]
     """in the quantity's unit"""
 
-    def effect(self, dice: Dice) -> Effect:
+    def effect(self, random: KeyedRandom) -> Effect:
         target = self.target
         return Edit(
             target.fields,
-            lambda message, moment: target.shift(
-                message, self.sd * dice.normal(moment.since_us, moment.message_id)
+            lambda message, context: target.shift(
+                message, self.sd * random.normal(context.since_us, context.message_id)
             ),
         )
 
@@ -240,14 +240,14 @@ class SwappedUnits(Fault):
     or m/s2 for mG"""
 
     @property
-    def harms(self) -> Sensor:
+    def faulty_sensor(self) -> FaultySensor:
         return _owner(SWAPS[self.swap][0][0])
 
-    def effect(self, dice: Dice) -> Effect:
+    def effect(self, random: KeyedRandom) -> Effect:
         names, factor = SWAPS[self.swap]
         targets = [QUANTITIES[name] for name in names]
 
-        def change(message: Editor, _: Moment) -> None:
+        def change(message: Editor, _: PacketContext) -> None:
             for target in targets:
                 target.scale(message, factor)
 
@@ -263,10 +263,10 @@ class BlockedStaticPort(Fault):
     """time constant of the leak; without it, the port is sealed"""
 
     @property
-    def harms(self) -> Sensor:
-        return Sensor.BAROMETER
+    def faulty_sensor(self) -> FaultySensor:
+        return FaultySensor.BAROMETER
 
-    def effect(self, dice: Dice) -> Effect:
+    def effect(self, random: KeyedRandom) -> Effect:
         return _BlockedPort(self.leak_s)
 
 
@@ -291,26 +291,26 @@ class _BlockedPort(Effect):
         """by message: time of the last reading, pressure outside, its rate, pressure trapped inside
         (hPa)"""
 
-    def feed(self, packet: Packet, moment: Moment) -> Iterable[Packet]:
-        message = Editor(packet.data, moment.message_id)
-        absolute, differential = self._FIELDS[moment.message_id]
+    def feed(self, packet: Packet, context: PacketContext) -> Iterable[Packet]:
+        message = Editor(packet.data, context.message_id)
+        absolute, differential = self._FIELDS[context.message_id]
         reading = message[absolute]
         last_us, outside, rate, inside = self._state.get(
-            moment.message_id, (moment.since_us, reading, 0.0, reading)
+            context.message_id, (context.since_us, reading, 0.0, reading)
         )
-        dt_s = (moment.since_us - last_us) * 1e-6
+        dt_s = (context.since_us - last_us) * 1e-6
         if dt_s > 0.0:
             keep = math.exp(-dt_s / self._SMOOTHING_S)
             outside += rate * dt_s
             innovation = reading - outside
             outside += (1.0 - keep**2) * innovation
             rate += (1.0 - keep) ** 2 * innovation / dt_s
-        if not moment.active:
+        if not context.active:
             inside = outside
         elif self._leak_s is not None and dt_s > 0.0:
             inside += (1.0 - math.exp(-dt_s / self._leak_s)) * (outside - inside)
-        self._state[moment.message_id] = (moment.since_us, outside, rate, inside)
-        if not moment.active:
+        self._state[context.message_id] = (context.since_us, outside, rate, inside)
+        if not context.active:
             return (packet,)
         message[absolute] = reading + inside - outside
         message[differential] = message[differential] - (inside - outside)

@@ -34,7 +34,7 @@ _BRAKE = 0.4
 
 
 @dataclass(frozen=True)
-class Place:
+class LandingSite:
     """Where a flight begins: the threshold, and the height that the centre of gravity has on the
     wheels."""
 
@@ -61,14 +61,14 @@ class Approach:
     `done`."""
 
     def __init__(
-        self, place: Place, gains: Gains, glide_deg: float, touch_and_go: bool, truth: Truth
+        self, site: LandingSite, gains: Gains, glide_deg: float, touch_and_go: bool, truth: Truth
     ) -> None:
-        self._place = place
+        self._site = site
         self._gains = gains
         self._slope = math.tan(math.radians(glide_deg))
         self._touch_and_go = touch_and_go
-        self._heading_rad = math.radians(place.heading_deg)
-        self._ground_m = place.elevation_m + place.rest_height_m
+        self._heading_rad = math.radians(site.heading_deg)
+        self._ground_m = site.elevation_m + site.rest_height_m
         self._level_m = truth.altitude_amsl_m
         self._phase = Phase.JOIN
         self._configured = False
@@ -85,7 +85,7 @@ class Approach:
         self._slow_m = -((self._level_m - self._ground_m) / self._slope + slowing_m)
         """where to begin to slow down, at the latest"""
         self._gate_m = self._slow_m - 6.0 * self._turn_m
-        if not place.powered:
+        if not site.powered:
             self._gate_m = -self._glider_gate_m(truth)
             self._slow_m = self._gate_m + 4.0 * self._turn_m
 
@@ -155,13 +155,13 @@ class Approach:
         if not self._configured:
             return self._level(heading_rad)
         if not self._on_path:
-            altitude_m = self._level_m if self._place.powered else truth.altitude_amsl_m
+            altitude_m = self._level_m if self._site.powered else truth.altitude_amsl_m
             # A second and a half ahead, as the push-over takes its time.
             self._on_path = (
                 path_m - 1.5 * speed_mps * self._slope < altitude_m
                 and abs(right_m) < _ESTABLISHED_M
             )
-            if not self._place.powered:
+            if not self._site.powered:
                 return self._level(heading_rad)
             return Target(Mode.APPROACH, heading_rad, self._level_m, 3.0, self._gains.approach_mps)
         sink_mps = speed_mps * self._slope
@@ -176,7 +176,7 @@ class Approach:
 
     def _level(self, heading_rad: float) -> Target:
         """Level at the altitude of the start; without an engine, as flat as it glides."""
-        if self._place.powered:
+        if self._site.powered:
             return Target(Mode.ALTITUDE, heading_rad, self._level_m, 3.0, self._gains.clean_mps)
         return Target(Mode.AIRSPEED, heading_rad, airspeed_mps=self._gains.cruise_mps, throttle=0.0)
 
@@ -192,10 +192,10 @@ class Approach:
         return _crabbed(truth, self._heading_rad - angle_rad)
 
     def _along_and_right(self, truth: Truth) -> tuple[float, float]:
-        place = self._place
-        north_m = (truth.latitude_deg - place.latitude_deg) * _EARTH_M_PER_DEG
-        east_deg = math.remainder(truth.longitude_deg - place.longitude_deg, 360.0)
-        east_m = east_deg * _EARTH_M_PER_DEG * math.cos(math.radians(place.latitude_deg))
+        site = self._site
+        north_m = (truth.latitude_deg - site.latitude_deg) * _EARTH_M_PER_DEG
+        east_deg = math.remainder(truth.longitude_deg - site.longitude_deg, 360.0)
+        east_m = east_deg * _EARTH_M_PER_DEG * math.cos(math.radians(site.latitude_deg))
         sin, cos = math.sin(self._heading_rad), math.cos(self._heading_rad)
         return north_m * cos + east_m * sin - _AIM_M, east_m * cos - north_m * sin
 

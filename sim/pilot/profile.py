@@ -10,7 +10,7 @@ from pydantic import Field
 from companion.config import Settings
 from companion.errors import SimulationError
 from sim.aircraft import Truth
-from sim.pilot.approach import Approach, Place
+from sim.pilot.approach import Approach, LandingSite
 from sim.pilot.autopilot import Mode, Target
 from sim.pilot.gains import Gains
 
@@ -111,17 +111,17 @@ class Profile:
     leg is over."""
 
     def __init__(
-        self, legs: Sequence[Leg], gains: Gains, place: Place, aloft_m: float | None = None
+        self, legs: Sequence[Leg], gains: Gains, site: LandingSite, aloft_m: float | None = None
     ) -> None:
         """`aloft_m`: the altitude at which the flight begins, if not on the runway."""
         if not legs:
             raise SimulationError("the profile has no legs")
         self._legs = list(legs)
         self._gains = gains
-        self._place = place
+        self._site = site
         self._approach: Approach | None = None
-        self._heading_rad = math.radians(place.heading_deg)
-        self._altitude_m = place.elevation_m if aloft_m is None else aloft_m
+        self._heading_rad = math.radians(site.heading_deg)
+        self._altitude_m = site.elevation_m if aloft_m is None else aloft_m
         self._index = -1
         self.leg: Leg = self._legs[0]
         """the one being flown"""
@@ -176,12 +176,12 @@ class Profile:
             case Wait():
                 self._target = Target(Mode.PARKED, self._heading_rad)
             case TakeOff(height_m=height):
-                self._altitude_m = self._place.elevation_m + height
-                self._heading_rad = math.radians(self._place.heading_deg)
+                self._altitude_m = self._site.elevation_m + height
+                self._heading_rad = math.radians(self._site.heading_deg)
                 self._target = Target(Mode.TAKE_OFF, self._heading_rad, self._altitude_m)
             case Land(glide_deg=glide, touch_and_go=touch_and_go):
-                self._heading_rad = math.radians(self._place.heading_deg)
-                self._approach = Approach(self._place, self._gains, glide, touch_and_go, truth)
+                self._heading_rad = math.radians(self._site.heading_deg)
+                self._approach = Approach(self._site, self._gains, glide, touch_and_go, truth)
             case _:
                 self._target = self._flown(leg)
 

@@ -33,7 +33,7 @@ from companion.jit import source_hash
 from companion.settings import CompanionSettings
 from sim.flight import Flight, Summary
 from sim.scenario import Scenario, load_scenario
-from sim.studies.fault_windows import attribution, episodes
+from sim.studies.fault_windows import attribution, fault_windows
 
 Row = dict[str, Any]
 MEASURES = (
@@ -94,7 +94,7 @@ def run_job(job: Job) -> list[Row]:
     head: Row = {"scenario": job.scenario.name, "seed": job.seed}
     try:
         summary, found = fly(job)
-        harmed = episodes(job.scenario.faults, summary.duration_s)
+        harmed = fault_windows(job.scenario.faults, summary.duration_s)
         tail = {
             "flight_s": summary.duration_s,
             "elapsed_s": time.perf_counter() - started_s,

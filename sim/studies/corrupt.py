@@ -9,7 +9,7 @@ from companion.config import keys
 from companion.errors import LogFormatError
 from companion.logs.tlog import TlogReader, TlogWriter
 from companion.samples import Packet
-from sim.faults import FAULTS, Fault, faulty
+from sim.faults import FAULTS, Fault, apply_faults
 
 _REPORT_PACKETS = 2000
 
@@ -53,7 +53,7 @@ def corrupt(
             yield packet
 
     with TlogWriter(target) as writer:
-        for packet in faulty(packets(), faults, seed):
+        for packet in apply_faults(packets(), faults, seed):
             writer.write(packet.time_us, packet.data)
             found.written += 1
             found.touched += packet not in sound

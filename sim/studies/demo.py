@@ -39,7 +39,7 @@ LABELS = {
 
 
 @dataclass(frozen=True)
-class Reading:
+class DemoRow:
     """What the autopilot's side knows at one simulated second; unknown is NaN."""
 
     time_s: float
@@ -110,7 +110,7 @@ def fly(
     scenario: str,
     speed: float | None,
     out: Path,
-    show: Callable[[Reading], None],
+    show: Callable[[DemoRow], None],
     say: Callable[[str], None],
 ) -> Path:
     """Fly `scenario` with a companion at the other end of a UDP socket; the log, with what came
@@ -140,11 +140,11 @@ def fly(
     return tlog
 
 
-def reading(flight: Flight, progress: Progress) -> Reading:
+def reading(flight: Flight, progress: Progress) -> DemoRow:
     """What the vehicle's last messages say now."""
     state, altitude = flight.vehicle.state, flight.vehicle.heard.altitude
     fix = state.fix
-    return Reading(
+    return DemoRow(
         progress.time_s,
         progress.leg,
         progress.truth.altitude_amsl_m,

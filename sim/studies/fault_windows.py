@@ -15,8 +15,8 @@ from sim.faults import Fault
 
 
 @dataclass(frozen=True)
-class Episode:
-    """A fault that harms a sensor, and its time on the clock of the flight's log."""
+class FaultWindow:
+    """A fault that makes a sensor wrong, and its time on the clock of the flight's log."""
 
     fault: Fault
     onset_us: float
@@ -29,41 +29,41 @@ class Episode:
         return not self.fault.announced
 
     def judge(self, series: Series) -> Detection | None:
-        """What an estimator made of it; None of a source that accuses nobody."""
-        if series.accused is None:
+        """How an estimator attributed it; None for a source without attribution."""
+        if series.attribution is None:
             return None
-        return detection(*series.accused, self.onset_us, self.end_us, self.fault.harms)
+        return detection(*series.attribution, self.onset_us, self.end_us, self.fault.faulty_sensor)
 
 
-def episodes(faults: Sequence[Fault], duration_s: float) -> list[Episode]:
+def fault_windows(faults: Sequence[Fault], duration_s: float) -> list[FaultWindow]:
     """Those of `faults` that harm a sensor and begin within the flight."""
     found = []
     for fault in faults:
-        if fault.harms and fault.start_s < duration_s:
+        if fault.faulty_sensor and fault.start_s < duration_s:
             onset_us = BOOT_UNIX_US + fault.start_s * 1e6
             lasts_us = math.inf if fault.duration_s is None else fault.duration_s * 1e6
-            found.append(Episode(fault, onset_us, onset_us + lasts_us))
+            found.append(FaultWindow(fault, onset_us, onset_us + lasts_us))
     return found
 
 
-def attribution(found: Sequence[Episode], series: Series) -> dict[str, Any]:
+def attribution(found: Sequence[FaultWindow], series: Series) -> dict[str, Any]:
     """How an estimator attributed the faults of one flight, as a row's values; None of a source
-    that accuses nobody.
+    without attribution.
 
     `faults` are those that should be named and `detected` those that were, after a mean of
     `detection_s` (s); `wrong_share` is the mean share of their time in which another sensor was
     named; `false_alarms` began when no sensor was wrong.
     """
-    if series.accused is None:
+    if series.attribution is None:
         return dict.fromkeys(("faults", "detected", "detection_s", "wrong_share", "false_alarms"))
     judged = [
         each
-        for each in (episode.judge(series) for episode in found if episode.is_silent)
+        for each in (window.judge(series) for window in found if window.is_silent)
         if each is not None
     ]
     delays_s = [each.delay_s for each in judged if each.detected]
     wrong = [each.wrong_share for each in judged if math.isfinite(each.wrong_share)]
-    times_us, faulty, _ = series.accused
+    times_us, faulty, _ = series.attribution
     return {
         "faults": len(judged),
         "detected": len(delays_s),

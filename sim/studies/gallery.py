@@ -22,7 +22,7 @@ from companion.evaluation.metrics import Array, truth_at
 from companion.evaluation.samples import BOOT_US
 from sim import BOOT_UNIX_US
 from sim.studies.campaign import Job, fly
-from sim.studies.fault_windows import Episode, episodes
+from sim.studies.fault_windows import FaultWindow, fault_windows
 from sim.studies.page import (
     BARO,
     ESTIMATOR_COLOURS,
@@ -55,7 +55,7 @@ def section(job: Job, out: Path) -> Section:
     """
     scenario = job.scenario
     summary, found = fly(job)
-    harmed = episodes(scenario.faults, summary.duration_s)
+    harmed = fault_windows(scenario.faults, summary.duration_s)
     page = Page(scenario.name, out)
     page.text(f"## {scenario.name}")
     page.text(f"{scenario.summary} ({scenario.aircraft}, {summary.duration_s / 60.0:.0f} min)")
@@ -132,7 +132,7 @@ RMSE (m) of one flight each:"""
 # The figure
 
 
-def _draw(page: Page, found: Comparison, harmed: Sequence[Episode]) -> None:
+def _draw(page: Page, found: Comparison, harmed: Sequence[FaultWindow]) -> None:
     estimated = [each for each in found.series if each.label in ESTIMATOR_COLOURS]
     raw = [each for each in found.series if each.label in RAW_COLOURS]
     minutes = _Minutes(found.truth_us)
@@ -167,9 +167,9 @@ def _draw(page: Page, found: Comparison, harmed: Sequence[Episode]) -> None:
         axes[2].set_xlabel("time since boot (min)")
         end_min = float(minutes(found.truth_us)[-1])
         for panel in axes:
-            for episode in harmed:
+            for window in harmed:
                 begin_min, until_min = (
-                    (us - BOOT_UNIX_US) / 60e6 for us in (episode.onset_us, episode.end_us)
+                    (us - BOOT_UNIX_US) / 60e6 for us in (window.onset_us, window.end_us)
                 )
                 panel.axvspan(begin_min, min(until_min, end_min), color="#f3e3df", zorder=0)
             if panel.get_legend_handles_labels()[1]:
@@ -249,8 +249,10 @@ def _cells(result: Result) -> list[Value]:
     return [result.label, *(_number(value) for value in values)]
 
 
-def _faults(harmed: Sequence[Episode], series: Sequence[Series]) -> str:
-    namers = [each for each in series if each.accused is not None and each.accused.faulty.any()]
+def _faults(harmed: Sequence[FaultWindow], series: Sequence[Series]) -> str:
+    namers = [
+        each for each in series if each.attribution is not None and each.attribution.faulty.any()
+    ]
     header = [
         "fault",
         "sensor",
@@ -261,16 +263,16 @@ def _faults(harmed: Sequence[Episode], series: Sequence[Series]) -> str:
     return markdown_table(header, [[*_when(each), *_verdicts(each, namers)] for each in harmed])
 
 
-def _when(episode: Episode) -> list[Value]:
-    fault = episode.fault
+def _when(window: FaultWindow) -> list[Value]:
+    fault = window.fault
     until = "end" if fault.duration_s is None else f"{fault.start_s + fault.duration_s:g}"
-    return [fault.fault, fault.harms.name.lower(), f"{fault.start_s:g}", until]  # type: ignore[attr-defined]
+    return [fault.fault, fault.faulty_sensor.name.lower(), f"{fault.start_s:g}", until]  # type: ignore[attr-defined]
 
 
-def _verdicts(episode: Episode, namers: Sequence[Series]) -> Iterator[str]:
+def _verdicts(window: FaultWindow, namers: Sequence[Series]) -> Iterator[str]:
     for each in namers:
-        found = episode.judge(each)
-        if found is None or not (found.detected or episode.is_silent):
+        found = window.judge(each)
+        if found is None or not (found.detected or window.is_silent):
             yield "says so itself"
             continue
         after = f"{found.delay_s:.1f} s" if found.detected else "-"

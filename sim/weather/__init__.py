@@ -25,9 +25,9 @@ from sim.weather.fields import (
     Gradient,
     Gust,
     MountainWave,
-    Place,
     ReportedGusts,
     Time,
+    WeatherPoint,
     Wind,
 )
 from sim.weather.metar import Day, Metar
@@ -212,13 +212,13 @@ class Weather:
         return self._pressure_hpa(time_s) * 100.0, self._offset_k(time_s)
 
     def update(self, time_s: float) -> None:
-        """Make it the weather of this time, at the aircraft's place."""
+        """Make it the weather of this time, where the aircraft is."""
         sea_level_pa, offset_k = self.at(time_s)
         north, east, down = self._wind_mps[0](time_s), self._wind_mps[1](time_s), 0.0
         ratio = 1.0
         if self._fields:
-            place = self._place(time_s, (north, east))
-            changes = [field.at(place) for field in self._fields]
+            point = self._point(time_s, (north, east))
+            changes = [field.at(point) for field in self._fields]
             total = Change(*map(math.fsum, zip(*changes, strict=True)))
             sea_level_pa += total.sea_level_pa
             offset_k += total.offset_k
@@ -276,7 +276,7 @@ class Weather:
             column.solve(offset_k, humidity)
             self._solved = offset_k, humidity
 
-    def _place(self, time_s: float, wind_mps: tuple[float, float]) -> Place:
+    def _point(self, time_s: float, wind_mps: tuple[float, float]) -> WeatherPoint:
         latitude_deg, longitude_deg, altitude_m = self._aircraft.position()
         north_m = (latitude_deg - self._origin_deg[0]) * _EARTH_M_PER_DEG
         east_deg = math.remainder(longitude_deg - self._origin_deg[1], 360.0)
@@ -284,4 +284,4 @@ class Weather:
         # There is no balance of wind and pressure at the equator.
         latitude_deg = math.copysign(max(abs(latitude_deg), _NO_CORIOLIS_DEG), latitude_deg)
         height_m = altitude_m - self._aircraft.ground_m
-        return Place(time_s, north_m, east_m, altitude_m, height_m, latitude_deg, wind_mps)
+        return WeatherPoint(time_s, north_m, east_m, altitude_m, height_m, latitude_deg, wind_mps)

@@ -29,7 +29,7 @@ Direction = Annotated[float, Field(ge=0.0, lt=360.0)]
 Distance = Annotated[float, Field(ge=-2e6, le=2e6)]
 
 
-class Place(NamedTuple):
+class WeatherPoint(NamedTuple):
     """Where and when the weather is asked for."""
 
     time_s: float
@@ -108,10 +108,10 @@ class Front(Settings):
         own: float | None = getattr(self, name)
         return FRONTS[self.kind][name] if own is None else own
 
-    def at(self, place: Place) -> Change:
+    def at(self, point: WeatherPoint) -> Change:
         width = self.value("width_m")
         behind = (
-            self.speed_mps * place.time_s - self.distance_m + place.towards(self.from_deg)
+            self.speed_mps * point.time_s - self.distance_m + point.towards(self.from_deg)
         ) / width
         behind = max(-40.0, min(40.0, behind))
         share = 0.5 * (1.0 + math.tanh(behind))
@@ -122,8 +122,8 @@ class Front(Settings):
         if self.wind_behind is not None:
             after = self.wind_behind.vector_mps
             north, east = (
-                share * (after[0] - place.wind_mps[0]),
-                share * (after[1] - place.wind_mps[1]),
+                share * (after[0] - point.wind_mps[0]),
+                share * (after[1] - point.wind_mps[1]),
             )
         return Change(pressure_hpa * 100.0, share * self.value("temperature_step_k"), north, east)
 
@@ -157,14 +157,14 @@ class Gradient(Settings):
     wind: bool = True
     """whether the wind that balances it blows"""
 
-    def at(self, place: Place) -> Change:
+    def at(self, point: WeatherPoint) -> Change:
         slope = self.hpa_per_100km * 100.0 / 100_000.0
-        pressure_pa = slope * place.towards(self.towards_deg)
+        pressure_pa = slope * point.towards(self.towards_deg)
         if not self.wind:
             return Change(pressure_pa)
-        coriolis = 2.0 * EARTH_RATE_RADPS * math.sin(math.radians(place.latitude_deg))
+        coriolis = 2.0 * EARTH_RATE_RADPS * math.sin(math.radians(point.latitude_deg))
         speed = slope / (_DENSITY_KGPM3 * abs(coriolis))
-        aloft = max(0.0, min(1.0, place.height_m / _FRICTION_HEIGHT_M))
+        aloft = max(0.0, min(1.0, point.height_m / _FRICTION_HEIGHT_M))
         speed *= _FRICTION_KEEPS + (1.0 - _FRICTION_KEEPS) * aloft
         # The high is on the right of the wind in the northern hemisphere; friction turns it towards
         # the low.
@@ -185,8 +185,8 @@ class Diurnal(Settings):
     pressure_hpa: Annotated[float, Field(ge=0.0, le=5.0)] = 0.5
     """amplitude: 1.2 hPa at the equator, 0.5 at 45 degrees [Chapman and Lindzen 1970, chapter 2]"""
 
-    def at(self, place: Place) -> Change:
-        hour = self.start_h + place.time_s / 3600.0
+    def at(self, point: WeatherPoint) -> Change:
+        hour = self.start_h + point.time_s / 3600.0
         pressure_hpa = self.pressure_hpa * math.cos(math.tau * (hour - 10.0) / 12.0)
         return Change(
             pressure_hpa * 100.0, self.temperature_k * math.cos(math.tau * (hour - 15.0) / 24.0)
@@ -207,8 +207,8 @@ class Gust(Settings):
     up_mps: Annotated[float, Field(ge=-15.0, le=15.0)] = 0.0
     """updraught in the middle; negative is down"""
 
-    def at(self, place: Place) -> Change:
-        share = (place.time_s - self.time_s) / self.duration_s
+    def at(self, point: WeatherPoint) -> Change:
+        share = (point.time_s - self.time_s) / self.duration_s
         if not 0.0 < share < 1.0:
             return Change()
         size = 0.5 * (1.0 - math.cos(math.tau * share))
@@ -234,17 +234,17 @@ class ReportedGusts(NamedTuple):
     excess_mps: Callable[[float], float]
     """over time: how far the reported gusts are above the mean wind"""
 
-    def at(self, place: Place) -> Change:
-        excess_mps, speed_mps = self.excess_mps(place.time_s), math.hypot(*place.wind_mps)
+    def at(self, point: WeatherPoint) -> Change:
+        excess_mps, speed_mps = self.excess_mps(point.time_s), math.hypot(*point.wind_mps)
         if excess_mps <= 0.0 or speed_mps <= 0.0:
             return Change()
-        minute, second = divmod(place.time_s, _GUST_EVERY_S)
+        minute, second = divmod(point.time_s, _GUST_EVERY_S)
         share = (second - (minute * _GOLDEN % 1.0) * (_GUST_EVERY_S - _GUST_S)) / _GUST_S
         if not 0.0 < share < 1.0:
             return Change()
         part = 0.5 + 0.5 * (minute * math.sqrt(2.0) % 1.0)
         size = part * 0.5 * (1.0 - math.cos(math.tau * share)) * excess_mps / speed_mps
-        return Change(north_mps=size * place.wind_mps[0], east_mps=size * place.wind_mps[1])
+        return Change(north_mps=size * point.wind_mps[0], east_mps=size * point.wind_mps[1])
 
 
 class MountainWave(Settings):
@@ -267,15 +267,15 @@ class MountainWave(Settings):
     rise_m: Annotated[float, Field(gt=0.0, le=10_000.0)] = 1_000.0
     """height above the runway over which it grows to 1 - 1/e"""
 
-    def at(self, place: Place) -> Change:
-        beyond_m = place.towards(self.along_deg) - self.distance_m
-        if beyond_m <= 0.0 or place.height_m <= 0.0:
+    def at(self, point: WeatherPoint) -> Change:
+        beyond_m = point.towards(self.along_deg) - self.distance_m
+        if beyond_m <= 0.0 or point.height_m <= 0.0:
             return Change()
         number = math.tau / self.wavelength_m
         up = (
             self.up_mps
             * math.sin(number * beyond_m)
-            * (1.0 - math.exp(-place.height_m / self.rise_m))
+            * (1.0 - math.exp(-point.height_m / self.rise_m))
         )
-        density = _DENSITY_KGPM3 * math.exp(-place.altitude_m / 9_500.0)
+        density = _DENSITY_KGPM3 * math.exp(-point.altitude_m / 9_500.0)
         return Change(down_mps=-up, local_pa=density * _STABILITY_HZ / number * up)

@@ -19,7 +19,16 @@ from sim.flight import Flight
 from sim.scenario import Scenario
 from sim.weather import Weather, WeatherConfig
 from sim.weather.column import G0_MPS2, Column, geopotential_m, pressure_altitude_m, standard_k
-from sim.weather.fields import FRONTS, Diurnal, Front, Gradient, Gust, MountainWave, Place, Wind
+from sim.weather.fields import (
+    FRONTS,
+    Diurnal,
+    Front,
+    Gradient,
+    Gust,
+    MountainWave,
+    WeatherPoint,
+    Wind,
+)
 from sim.weather.metar import parse
 
 GAS_CONSTANT = 287.0521
@@ -30,9 +39,9 @@ def config(**values: Any) -> WeatherConfig:
     return validate(values, WeatherConfig, "a test")
 
 
-def place(**values: Any) -> Place:
+def place(**values: Any) -> WeatherPoint:
     base = {"time_s": 0.0, "north_m": 0.0, "east_m": 0.0, "altitude_m": 1300.0, "height_m": 1000.0}
-    return Place(**{**base, "latitude_deg": 47.0, "wind_mps": (0.0, 0.0), **values})
+    return WeatherPoint(**{**base, "latitude_deg": 47.0, "wind_mps": (0.0, 0.0), **values})
 
 
 # Columns

@@ -1,5 +1,5 @@
 """The protection level over hours of the sensor-level generator: exceeded as often as it says,
-nobody accused."""
+no sensor is excluded."""
 
 import pytest
 

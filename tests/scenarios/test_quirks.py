@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from companion.health import Health
-from companion.intake import Cause
+from companion.intake import SampleReject
 from companion.mavlink.codec import Message, mavlink
 from companion.mavlink.identity import Origin
 from companion.samples import Kind, Packet, Verdict
@@ -376,7 +376,7 @@ class TestClocks:
         damaged = lambda s: pressure(s, time_boot_ms=odd.get(round(s, 3), round(s * 1e3)))
         outcome = play(standing(30, 70, pressure=damaged))
         assert outcome.pipeline.intake.clock.reboots == 0
-        assert outcome.pipeline.intake.counters[Cause.CLOCK] == 2
+        assert outcome.pipeline.intake.counters[SampleReject.CLOCK] == 2
         assert outcome.pipeline.health.health is OK
 
     def test_boot_time_wraps(self, play: Replay) -> None:
@@ -407,7 +407,7 @@ class TestClocks:
         )
         outcome = play(packets)
         assert outcome.altitudes == []
-        assert outcome.pipeline.intake.counters[Cause.NO_CLOCK] > 300
+        assert outcome.pipeline.intake.counters[SampleReject.NO_CLOCK] > 300
 
 
 class TestSenders:

@@ -14,7 +14,7 @@ import pytest
 
 from companion.estimators import DEFAULT_ESTIMATOR, ESTIMATORS
 from companion.evaluation.report import Collector
-from companion.logs import open_log
+from companion.logs.tlog import TlogReader
 from companion.pipeline import Pipeline
 from companion.settings import CompanionSettings
 from tests.paths import DATA
@@ -85,7 +85,7 @@ def test_what_is_published_is_near_the_healthy_source(name: str, estimator: str)
     settings = CompanionSettings().with_changes(estimator=estimator)
     pipeline = Pipeline(settings, datagrams=True, observer=collector)
     started_s = time.perf_counter()
-    for packet in open_log(path):
+    for packet in TlogReader(path):
         pipeline.feed(packet)
     assert time.perf_counter() - started_s < LONGEST_S
     times_us, altitudes_m = collector.track("published")

@@ -34,14 +34,14 @@ from companion.estimators.baro_gnss_ins.track import clear, push, shift, track_f
 from companion.estimators.judging import PRESSURE
 from companion.jit import step
 from companion.kernels.attitude import (
-    MOVING_TILT_SD_RAD,
-    attitude_fields,
+    ATTITUDE_STATE,
     attitude_start,
     pitch_rad,
     roll_rad,
     tilt_sd_rad,
     up_is_known,
 )
+from companion.kernels.levelling import MOVING_TILT_SD_RAD
 from companion.samples import Rows
 
 BARO_BIAS, BARO_SCALE, N = 15, 16, 17
@@ -78,7 +78,7 @@ HIGHEST_M, FASTEST_MPS = 60_000.0, 1_000.0
 def ins_fields() -> tuple[tuple[Any, ...], ...]:
     """The state fields of this part."""
     return (
-        *attitude_fields(),
+        ("attitude", ATTITUDE_STATE),
         *track_fields(),
         ("time_us", "i8"),  # of position, velocity and attitude; -1 not begun
         ("inertial", "i8"),  # 1 carried on by the IMU, 0 coasting
@@ -113,7 +113,7 @@ def ins_fields() -> tuple[tuple[Any, ...], ...]:
 def ins_start(state: Rows, params: Rows) -> None:
     """Nothing known but the priors."""
     s, p = state[0], params[0]
-    attitude_start(state)
+    attitude_start(state[0].attitude)
     clear(s.track_us, s.track)
     s.time_us, s.velocity_us = -1, -1
     s.inertial, s.yaw_known, s.located = 0, 0, 0
@@ -228,7 +228,7 @@ def carry(state: Rows, params: Rows, sample: Rows) -> None:
         s.inertial = 0
     if s.inertial == 0:
         fresh = s.velocity_us >= 0 and sample[0].time_us - s.velocity_us < 2_000_000
-        if fresh and up_is_known(state) and sample[0].time_us >= s.rest_us:
+        if fresh and up_is_known(state[0].attitude) and sample[0].time_us >= s.rest_us:
             catch_up(state, params, sample[0].time_us)
             _align(state)
         return
@@ -318,20 +318,20 @@ def _align(state: Rows) -> None:
     """Begin to integrate: roll, pitch and gyro bias of the attitude component, yaw along the course
     or unknown."""
     s = state[0]
-    set_attitude(s.quaternion, roll_rad(state), pitch_rad(state), 0.0)
-    sd_rad = tilt_sd_rad(state)
+    set_attitude(s.quaternion, roll_rad(state[0].attitude), pitch_rad(state[0].attitude), 0.0)
+    sd_rad = tilt_sd_rad(state[0].attitude)
     tilt_var = (
         sd_rad * sd_rad if sd_rad > 0.0 else MOVING_TILT_SD_RAD * MOVING_TILT_SD_RAD
     )  # the vehicle's alone
     for i in range(3):
-        s.rate_bias_b_radps[i] = s.attitude_bias_b_radps[i]
+        s.rate_bias_b_radps[i] = s.attitude.own.bias_b_radps[i]
         # An accelerometer bias tilts the level by bias / g.
         forget_error(state, TILT + i, tilt_var + s.P[FORCE_BIAS + i, FORCE_BIAS + i] / 96.0)
-        forget_error(state, RATE_BIAS + i, s.attitude_bias_var)
+        forget_error(state, RATE_BIAS + i, s.attitude.own.bias_var)
     forget_error(state, TILT + DOWN, UNKNOWN_YAW_SD_RAD * UNKNOWN_YAW_SD_RAD)
     s.inertial, s.yaw_known, s.slip_s, s.sink_s = 1, 0, 0.0, 0.0
-    if s.attitude_speed_mps > SLOWEST_COURSE_MPS:
-        set_yaw(state, s.attitude_course_rad, course_sd_rad(s.attitude_speed_mps))
+    if s.attitude.own.speed_mps > SLOWEST_COURSE_MPS:
+        set_yaw(state, s.attitude.own.course_rad, course_sd_rad(s.attitude.own.speed_mps))
 
 
 @step

@@ -347,8 +347,8 @@ def on_imu(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     if verdict != USED:
         return tally(state, IMU, verdict)
     place(state, IMU, 0, sample[0].time_us)
-    attitude_imu(state, sample)
-    if not imu_can_be_integrated(state):
+    attitude_imu(state[0].attitude, sample)
+    if not imu_can_be_integrated(state[0].attitude):
         state[0].inertial = 0
         return tally(state, IMU, IGNORED)
     if state[0].time_us >= 0:
@@ -429,7 +429,7 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     time_us = sample[0].time_us
     elapsed_s = (time_us - s.last_us[GNSS, 0]) * 1e-6 if s.last_us[GNSS, 0] >= 0 else math.inf
     place(state, GNSS, 0, time_us)
-    attitude_gnss(state, sample)
+    attitude_gnss(state[0].attitude, sample)
     if s.time_us < 0:
         begin(state, time_us, sample[0].altitude_amsl_m)
     catch_up(state, params, time_us)
@@ -514,8 +514,8 @@ def on_attitude(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         else math.inf
     )
     place(state, ATTITUDE, 0, sample[0].time_us)
-    attitude_vehicle(state, sample)
-    if s.attitude_vehicle_trusted == 0:
+    attitude_vehicle(state[0].attitude, sample)
+    if s.attitude.vehicle_trusted == 0:
         return tally(state, ATTITUDE, GATED)
     if s.inertial == 1 and abs(sample[0].yaw_rad) <= math.tau:
         if s.yaw_known == 0:

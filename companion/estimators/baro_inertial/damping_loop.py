@@ -323,7 +323,7 @@ def on_attitude(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     verdict = judge_attitude(state, sample)
     if verdict == USED:
         place(state, ATTITUDE, 0, sample[0].time_us)
-        attitude_vehicle(state, sample)
+        attitude_vehicle(state[0].attitude, sample)
     return tally(state, ATTITUDE, verdict)
 
 

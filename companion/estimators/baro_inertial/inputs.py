@@ -48,7 +48,7 @@ from companion.kernels.atmosphere import (
     pressure_altitude_m,
 )
 from companion.kernels.attitude import (
-    attitude_fields,
+    ATTITUDE_STATE,
     attitude_gnss,
     attitude_imu,
     attitude_start,
@@ -87,7 +87,7 @@ COLUMN_TEMPERATURE_ERROR = 0.035
 def input_fields() -> tuple[tuple[Any, ...], ...]:
     """The state fields of this component."""
     return (
-        *attitude_fields(),
+        ("attitude", ATTITUDE_STATE),
         ("acceleration_mps2", "f8"),  # newest; NaN while there is no IMU that can be integrated
         *ring_fields("baro", RING_SIZE),  # standard-atmosphere heights until the start
         ("start_fixes", "i8"),  # credible fixes so far
@@ -174,7 +174,7 @@ class InputSettings(Settings):
 def start_inputs(state: Rows) -> None:
     """Nothing known."""
     s = state[0]
-    attitude_start(state)
+    attitude_start(state[0].attitude)
     clear(s.baro_us, s.baro_values)
     s.acceleration_mps2 = math.nan
     s.start_fixes = 0
@@ -198,9 +198,11 @@ def start_inputs(state: Rows) -> None:
 def take_imu(state: Rows, sample: Rows) -> bool:
     """Upward acceleration of a judged sample; False, and NaN, when samples come too seldom to be
     integrated."""
-    attitude_imu(state, sample)
-    integrable = imu_can_be_integrated(state)
-    state[0].acceleration_mps2 = up_acceleration_mps2(state, sample) if integrable else math.nan
+    attitude_imu(state[0].attitude, sample)
+    integrable = imu_can_be_integrated(state[0].attitude)
+    state[0].acceleration_mps2 = (
+        up_acceleration_mps2(state[0].attitude, sample) if integrable else math.nan
+    )
     return integrable
 
 
@@ -236,7 +238,7 @@ def take_fix(state: Rows, params: Rows, sample: Rows, estimate: Rows, altitude_m
     """A judged fix: towards the start, or against `altitude_m`, the filter's altitude at the fix's
     time (NaN none)."""
     s, p = state[0], params[0]
-    attitude_gnss(state, sample)
+    attitude_gnss(state[0].attitude, sample)
     sd_m = gnss_sd_m(sample, p.gnss_sd_floor_m, p.gnss_sd_unknown_m)
     if sd_m <= START_SD_M:
         s.start_fixes += 1

@@ -117,7 +117,7 @@ from companion.estimators.robust_altimeter.isolation import (
 from companion.jit import step
 from companion.kernels.atmosphere import baro_altitude_m
 from companion.kernels.attitude import (
-    attitude_fields,
+    ATTITUDE_STATE,
     attitude_gnss,
     attitude_imu,
     attitude_start,
@@ -127,7 +127,7 @@ from companion.kernels.attitude import (
 )
 from companion.kernels.gnss import gnss_sd_m
 from companion.kernels.ring import at
-from companion.samples import Fault, Kind, Rows, Tables, readable, rows
+from companion.samples import FaultySensor, Kind, Rows, Tables, readable, rows
 
 LOWEST_PA, HIGHEST_PA = 1_000.0, 120_000.0
 IMU_TIMEOUT_US = 500_000
@@ -135,11 +135,11 @@ COLUMN_ERROR = 0.035
 """Of a height gained: the air's temperature is off by 10 K of 288."""
 
 IBIG, RECOMMENDED = 2, 3
-BAROMETER, RECEIVER = int(Fault.BAROMETER), int(Fault.GNSS)
+BAROMETER, RECEIVER = int(FaultySensor.BAROMETER), int(FaultySensor.GNSS)
 PUBLISH = {"ibi": IBI, "iig": IIG, "ibig": IBIG, "recommended": RECOMMENDED}
 
 STATE = state_dtype(
-    *attitude_fields(),
+    ("attitude", ATTITUDE_STATE),
     *ALTIMETER_FIELDS,
     ("baro_m", "f8"),  # newest barometer height
     ("innovation_m", "f8"),  # newest GNSS height less the predicted one
@@ -235,7 +235,7 @@ def init(params: Rows) -> Rows:
 def start(state: Rows) -> None:
     """Forget everything but the counters."""
     reset(state)
-    attitude_start(state)
+    attitude_start(state[0].attitude)
     altimeters_start(state)
     state[0].baro_m = math.nan
     state[0].innovation_m = math.nan
@@ -246,7 +246,7 @@ def listen(state: Rows, params: Rows, time_us: int) -> float:
     """Before a height is taken in: mechanise without an IMU if it is silent; the iteration that
     begins, or 0."""
     s = state[0]
-    if s.inertial == 1 and s.now_us - s.attitude_us > IMU_TIMEOUT_US:
+    if s.inertial == 1 and s.now_us - s.attitude.time_us > IMU_TIMEOUT_US:
         switch(state, params, 0)
     if s.inertial == 0:
         advance(state, time_us, 0.0)
@@ -271,11 +271,11 @@ def on_imu(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     if verdict != USED:
         return tally(state, IMU, verdict)
     place(state, IMU, 0, sample[0].time_us)
-    attitude_imu(state, sample)
-    up = up_acceleration_mps2(state, sample)
+    attitude_imu(state[0].attitude, sample)
+    up = up_acceleration_mps2(state[0].attitude, sample)
     if math.isnan(up):
         switch(state, params, 0)
-        return tally(state, IMU, USED if imu_can_be_integrated(state) else IGNORED)
+        return tally(state, IMU, USED if imu_can_be_integrated(state[0].attitude) else IGNORED)
     if s.inertial == 0:
         advance(state, sample[0].time_us, 0.0)
         switch(state, params, 1)
@@ -329,7 +329,7 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         return tally(state, GNSS, verdict)
     time_us = sample[0].time_us
     place(state, GNSS, 0, time_us)
-    attitude_gnss(state, sample)
+    attitude_gnss(state[0].attitude, sample)
     T = listen(state, params, time_us)
     s.sigma_gps_m = gnss_sd_m(sample, p.sigma_GPS, p.sigma_GPS_unknown)
     if lost(state, IIG):
@@ -352,7 +352,7 @@ def on_attitude(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     verdict = judge_attitude(state, sample)
     if verdict == USED:
         place(state, ATTITUDE, 0, sample[0].time_us)
-        attitude_vehicle(state, sample)
+        attitude_vehicle(state[0].attitude, sample)
     return tally(state, ATTITUDE, verdict)
 
 

@@ -9,7 +9,6 @@ well as the ground is level: the less, the further away.
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -37,6 +36,7 @@ from companion.estimators.vertical_bank.mixture import (
 from companion.jit import step
 from companion.kernels.atmosphere import baro_altitude_m
 from companion.kernels.earth import meridian_radius_m, normal_radius_m
+from companion.samples import Record
 
 LOWEST_QNH_PA, HIGHEST_QNH_PA = 85_000.0, 110_000.0
 LOWEST_FIELD_M, HIGHEST_FIELD_M = -500.0, 9_000.0
@@ -82,7 +82,7 @@ AIDS = np.dtype(
 
 
 @step
-def aids_start(aids: Any) -> None:
+def aids_start(aids: Record) -> None:
     """Nothing known."""
     aids.known_qnh_pa, aids.known_qnh_us, aids.air_k, aids.field_m = (
         math.nan,
@@ -97,7 +97,7 @@ def aids_start(aids: Any) -> None:
 
 
 @step
-def fuse_known(bank: Any, H: Any, z: float, R: float) -> bool:
+def fuse_known(bank: Record, H: Record, z: float, R: float) -> bool:
     """Correct every hypothesis with a good barometer by z = H x + white, unless the mixture
     contradicts; whether it was used. Probabilities stay: an aid is no witness of a fault."""
     innovation = z - expected(bank, H)
@@ -111,7 +111,7 @@ def fuse_known(bank: Any, H: Any, z: float, R: float) -> bool:
 
 
 @step
-def fuse_qnh(aids: Any, bank: Any, p: Any, height_m: float) -> bool:
+def fuse_qnh(aids: Record, bank: Record, p: Record, height_m: float) -> bool:
     """Correct the barometer's offset at `height_m` by the known QNH: o - s (h - h_field) = H(QNH)."""
     if math.isnan(aids.known_qnh_pa):
         return False
@@ -127,7 +127,7 @@ def fuse_qnh(aids: Any, bank: Any, p: Any, height_m: float) -> bool:
 
 
 @step
-def fuse_temperature(aids: Any, bank: Any, p: Any, pressure_pa: float) -> bool:
+def fuse_temperature(aids: Record, bank: Record, p: Record, pressure_pa: float) -> bool:
     """Correct the scale here by the air's temperature; again only when less is known than it tells,
     as a thermometer errs alike for hours."""
     if math.isnan(aids.air_k) or math.isnan(pressure_pa):
@@ -141,7 +141,7 @@ def fuse_temperature(aids: Any, bank: Any, p: Any, pressure_pa: float) -> bool:
 
 
 @step
-def fuse_field(aids: Any, bank: Any, p: Any) -> None:
+def fuse_field(aids: Record, bank: Record, p: Record) -> None:
     """The height of a vehicle that rests is the elevation of the field; again only when less is
     known, as it errs alike for ever."""
     m2 = p.known_elevation_sd_m * p.known_elevation_sd_m
@@ -152,13 +152,13 @@ def fuse_field(aids: Any, bank: Any, p: Any) -> None:
 
 
 @step
-def note_place(aids: Any, latitude_deg: float, longitude_deg: float) -> None:
+def note_place(aids: Record, latitude_deg: float, longitude_deg: float) -> None:
     """Where the newest fix is."""
     aids.here_deg[0], aids.here_deg[1] = latitude_deg, longitude_deg
 
 
 @step
-def note_takeoff(aids: Any, now_us: int) -> None:
+def note_takeoff(aids: Record, now_us: int) -> None:
     """The vehicle stands where it will take off from."""
     for i in range(2):
         aids.takeoff_deg[i] = aids.here_deg[i]
@@ -166,7 +166,7 @@ def note_takeoff(aids: Any, now_us: int) -> None:
 
 
 @step
-def from_takeoff_m(aids: Any) -> float:
+def from_takeoff_m(aids: Record) -> float:
     """Horizontal distance of the newest fix from the place of the take-off, NaN unknown."""
     latitude = math.radians(aids.takeoff_deg[0])
     north_m = math.radians(aids.here_deg[0] - aids.takeoff_deg[0]) * meridian_radius_m(latitude)
@@ -179,7 +179,7 @@ def from_takeoff_m(aids: Any) -> float:
 
 
 @step
-def note_range(aids: Any, time_us: int, instance: int, vertical_m: float) -> float:
+def note_range(aids: Record, time_us: int, instance: int, vertical_m: float) -> float:
     """A new range; the seconds since the last."""
     between_s = (time_us - aids.range_us) * 1e-6
     aids.range_m, aids.range_us, aids.range_instance = vertical_m, time_us, instance
@@ -187,7 +187,7 @@ def note_range(aids: Any, time_us: int, instance: int, vertical_m: float) -> flo
 
 
 @step
-def fuse_range(aids: Any, bank: Any, late_s: float, between_s: float) -> bool:
+def fuse_range(aids: Record, bank: Record, late_s: float, between_s: float) -> bool:
     """Correct the height above take-off by the newest range; whether it was used."""
     sees_height(aids.H, late_s)
     aids.H[TAKEOFF] = -1.0
@@ -213,7 +213,7 @@ def fuse_range(aids: Any, bank: Any, late_s: float, between_s: float) -> bool:
 
 
 @step
-def note_ground(aids: Any, above_m: float, R: float, between_s: float) -> None:
+def note_ground(aids: Record, above_m: float, R: float, between_s: float) -> None:
     """Follow the ground over steps; after a while out of sight it is that of the take-off again."""
     step_m = above_m - aids.range_above_m
     if not between_s * 1e6 <= FRESH_US or math.isnan(step_m):

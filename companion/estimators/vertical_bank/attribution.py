@@ -1,7 +1,5 @@
 """Which sensor is wrong: the probability of the modes that say so, and since when."""
 
-from typing import Any
-
 import numpy as np
 
 from companion.estimators.vertical_bank.mixture import (
@@ -11,24 +9,24 @@ from companion.estimators.vertical_bank.mixture import (
     imu_is_wrong,
 )
 from companion.jit import step
-from companion.samples import Fault
+from companion.samples import FaultySensor, Record
 
-NOBODY, BAROMETER, GNSS_HEIGHT, INERTIAL = (int(fault) for fault in Fault)
+NOBODY, BAROMETER, GNSS_HEIGHT, INERTIAL = (int(fault) for fault in FaultySensor)
 EVEN = 0.5
 """Probability below which a sensor that was named is used again."""
 
-ATTRIBUTION = np.dtype([("since_us", "i8", (len(Fault),))], align=True)  # -1 not named
+ATTRIBUTION = np.dtype([("since_us", "i8", (len(FaultySensor),))], align=True)  # -1 not named
 
 
 @step
-def attribution_start(named: Any) -> None:
+def attribution_start(named: Record) -> None:
     """No sensor is wrong."""
     for fault in range(named.since_us.size):
         named.since_us[fault] = -1
 
 
 @step
-def fault_probability(bank: Any, fault: int) -> float:
+def fault_probability(bank: Record, fault: int) -> float:
     """Probability of the hypotheses that say that this sensor is wrong."""
     total = 0.0
     for i in range(N):
@@ -43,7 +41,7 @@ def fault_probability(bank: Any, fault: int) -> float:
 
 
 @step
-def attribute(named: Any, bank: Any, limit: float, is_blind: bool) -> None:
+def attribute(named: Record, bank: Record, limit: float, is_blind: bool) -> None:
     """Name the sensors whose faulty modes are more probable than `limit`, until that is even. A
     manoeuvre that is missed without an IMU is no fault."""
     for fault in range(1, named.since_us.size):
@@ -57,14 +55,14 @@ def attribute(named: Any, bank: Any, limit: float, is_blind: bool) -> None:
 
 
 @step
-def is_named(named: Any, fault: int) -> bool:
+def is_named(named: Record, fault: int) -> bool:
     """Whether a sensor is excluded now."""
     return named.since_us[fault] >= 0
 
 
 @step
-def named_fault(named: Any) -> int:
-    """The sensor that has been wrong for longest, `Fault.NONE` if all are well."""
+def named_fault(named: Record) -> int:
+    """The sensor that has been wrong for longest, `FaultySensor.NONE` if all are well."""
     found = NOBODY
     for fault in range(1, named.since_us.size):
         earlier = found == NOBODY or named.since_us[fault] < named.since_us[found]

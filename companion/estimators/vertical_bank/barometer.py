@@ -7,11 +7,10 @@ repeated so far; that is the likelihood with which a stuck sensor is found (`rep
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
-from companion.estimators.vertical_bank.baro_terms.lag import slope_mps, smoothed
+from companion.estimators.vertical_bank.baro_terms.lag import smoothed
 from companion.estimators.vertical_bank.baro_terms.lift_off import lift_share
 from companion.estimators.vertical_bank.baro_terms.static_port import (
     true_airspeed_mps,
@@ -20,6 +19,7 @@ from companion.estimators.vertical_bank.baro_terms.static_port import (
 from companion.estimators.vertical_bank.channel import FAST, LAG, LIFT, OFFSET, PORT, sees_height
 from companion.jit import step
 from companion.kernels.kalman import Array
+from companion.samples import Record
 
 NOISE_STEP = 0.1
 MEDIAN_TO_SD = 1.4826
@@ -31,6 +31,8 @@ REST_S, REST_INTERVALS = 1.0, 10.0
 INTERVAL_WEIGHT = 1.0 / 16.0
 FRESH_SPEED_US = 3_000_000
 LEAST_REPEAT = 0.02
+SPEED_DRIFT_MPS2 = 0.1
+"""A speed that is no longer heard changes by 6 m/s a minute."""
 
 BAROMETER_RECORD = np.dtype(
     [
@@ -56,7 +58,7 @@ BAROMETER_RECORD = np.dtype(
 
 
 @step
-def barometer_start(baro: Any, p: Any) -> None:
+def barometer_start(baro: Record, p: Record) -> None:
     """No barometer heard."""
     baro.seen, baro.pressure_pa, baro.height_m, baro.path_m = 0, math.nan, math.nan, 0.0
     baro.smooth_m, baro.time_us, baro.median_m = math.nan, -1, p.baro_sd_m
@@ -66,7 +68,7 @@ def barometer_start(baro: Any, p: Any) -> None:
 
 
 @step
-def note_speed(baro: Any, p: Any, time_us: int, airspeed_mps: float, is_air: int) -> None:
+def note_speed(baro: Record, p: Record, time_us: int, airspeed_mps: float, is_air: int) -> None:
     """A calibrated airspeed, or the ground speed in its place while there is none."""
     if is_air == 0 and time_us - baro.airspeed_us <= FRESH_SPEED_US:
         return
@@ -83,19 +85,19 @@ def note_speed(baro: Any, p: Any, time_us: int, airspeed_mps: float, is_air: int
 
 
 @step
-def sees_barometer(H: Array, baro: Any, late_s: float) -> None:
+def sees_barometer(H: Array, baro: Record, climb_mps: float, late_s: float) -> None:
     """The row of a barometer height `late_s` ago: every error term at its regressor."""
     sees_height(H, late_s)
     H[OFFSET] = 1.0
     H[FAST] = 1.0
     H[PORT] = baro.head_m
     H[LIFT] = baro.lift
-    H[LAG] = -slope_mps(baro.smooth_m, baro.height_m)
+    H[LAG] = -climb_mps
 
 
 @step
 def note_height(
-    baro: Any, time_us: int, pressure_pa: float, height_m: float, path_m: float
+    baro: Record, time_us: int, pressure_pa: float, height_m: float, path_m: float
 ) -> None:
     """A new value: noise and interval of the stream, and its smoothed height."""
     if baro.seen == 1:
@@ -116,22 +118,23 @@ def note_height(
 
 
 @step
-def unseen_speed_mps(baro: Any, p: Any, now_us: int) -> float:
+def unseen_speed_mps(baro: Record, p: Record, now_us: int) -> float:
     """What is not known of the airspeed: nothing while it is measured, wind beside a ground speed,
-    all of it after a while without either."""
+    and more since neither was heard."""
     if now_us - baro.airspeed_us <= FRESH_SPEED_US:
         return 0.0
-    return p.wind_sd_mps if now_us - baro.speed_us <= FRESH_SPEED_US else math.inf
+    silent_s = max(0.0, (now_us - baro.speed_us - FRESH_SPEED_US) * 1e-6)
+    return float(p.wind_sd_mps + SPEED_DRIFT_MPS2 * silent_s)
 
 
 @step
-def noise_m2(baro: Any, p: Any) -> float:
+def noise_m2(baro: Record, p: Record) -> float:
     """White variance of the barometer height: no less than the stream shows."""
     return max(p.baro_sd_m, MEDIAN_TO_SD / math.sqrt(2.0) * baro.median_m) ** 2
 
 
 @step
-def note_repeat(baro: Any, is_repeat: bool, climb_mps: float) -> None:
+def note_repeat(baro: Record, is_repeat: bool, climb_mps: float) -> None:
     """How often a reading repeats the one before while the vehicle moves."""
     if abs(climb_mps) > MOVING_MPS and baro.stuck == 0:
         target = 1.0 if is_repeat else 0.0
@@ -140,7 +143,7 @@ def note_repeat(baro: Any, is_repeat: bool, climb_mps: float) -> None:
 
 
 @step
-def rests(baro: Any, time_us: int, path_m: float, climb_mps: float) -> bool:
+def rests(baro: Record, time_us: int, path_m: float, climb_mps: float) -> bool:
     """Whether the barometer repeats its value because nothing changes: for long, and the vehicle
     does not move."""
     long_s = REST_S if math.isnan(baro.interval_s) else REST_INTERVALS * baro.interval_s

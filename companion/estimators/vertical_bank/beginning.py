@@ -5,7 +5,6 @@ unknown, and no time constant.
 """
 
 import math
-from typing import Any
 
 from companion.estimators.vertical_bank.channel import (
     ACCEL,
@@ -26,10 +25,11 @@ from companion.estimators.vertical_bank.channel import (
 )
 from companion.estimators.vertical_bank.mixture import GN, N, heaviest
 from companion.jit import step
+from companion.samples import Record
 
 
 @step
-def bank_start(bank: Any, p: Any) -> None:
+def bank_start(bank: Record, p: Record) -> None:
     """Nothing known: three kinds of weather, no fault."""
     bank.now_us, bank.switched_us, bank.searched_us = -1, -1, -1
     bank.slow_m2, bank.path_m, bank.level_m, bank.climb_mps = 0.0, 0.0, math.nan, 0.0
@@ -49,12 +49,13 @@ def bank_start(bank: Any, p: Any) -> None:
         P[PORT, PORT] = p.port_sd_ratio * p.port_sd_ratio
         P[LIFT, LIFT] = p.lift_sd_m * p.lift_sd_m
         P[LAG, LAG] = p.lag_sd_s * p.lag_sd_s
+    bank.blind, bank.slope_mps = 1, 0.0
     bank.fast_m2 = p.fast_sd_m * p.fast_sd_m
     normalise_priors(bank, p)
 
 
 @step
-def normalise_priors(bank: Any, p: Any) -> None:
+def normalise_priors(bank: Record, p: Record) -> None:
     """The weather's prior, and no fault."""
     total = p.weather_prior[0] + p.weather_prior[1] + p.weather_prior[2]
     for i in range(N):
@@ -62,7 +63,7 @@ def normalise_priors(bank: Any, p: Any) -> None:
 
 
 @step
-def expect_atmosphere(bank: Any, p: Any, height_m: float) -> None:
+def expect_atmosphere(bank: Record, p: Record, height_m: float) -> None:
     """Prior of the barometer's error at a height, the true one if there is one: on a day 8 % too
     warm, the barometer's own reading in its place makes the scale learned from the first innovation
     8 % too small."""
@@ -73,14 +74,14 @@ def expect_atmosphere(bank: Any, p: Any, height_m: float) -> None:
 
 
 @step
-def forget_height(bank: Any) -> None:
+def forget_height(bank: Record) -> None:
     """Height unknown again; what is known of the other states stays."""
     for i in range(N):
         replace(bank.x[i], bank.P[i], HEIGHT, bank.x[i, HEIGHT], UNKNOWN_M2)
 
 
 @step
-def resume(bank: Any, p: Any) -> None:
+def resume(bank: Record, p: Record) -> None:
     """After a silence of both sensors: height and climb unknown, the barometer's error as it was
     last known, with the weather since then; no fault."""
     top = heaviest(bank, 0, GN)

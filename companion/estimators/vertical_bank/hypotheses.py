@@ -9,7 +9,7 @@ GNSS wrong (4)        a fix surprises: g unknown (jump);                  .1 /h 
 barometer wrong (3)   a height surprises: o unknown (jump);               .1 /h                in 20 s, o is kept
                       every 10 s: o slides; after an outage of GNSS:
                       o and h unknown, their sum known                    .03 or .003 in all
-IMU wrong (1)         either surprises                                    .1 /h; blind 60 /h   in 5 s
+IMU wrong (1)         either surprises                                    .1 /h; blind 60 /h   in 30 s; 5 s
 both wrong (2)        the other sensor surprises                          as each              as each
 GNSS returned (2)     from GNSS wrong: g as of a receiver that is well    see ends             in 20 s, to weather
 ====================  ==================================================  ===================  ========================
@@ -21,7 +21,6 @@ are probable.
 """
 
 import math
-from typing import Any
 
 from companion.estimators.vertical_bank.channel import (
     CLIMB,
@@ -48,17 +47,20 @@ from companion.estimators.vertical_bank.mixture import (
     normalise,
 )
 from companion.jit import step
+from companion.samples import Record
 
 PER_H = 1.0 / 3600.0
 SURPRISE_SIGMA = 3.0
 SWITCH_US, SEARCH_US = 1_000_000, 10_000_000
-DEFENDED_SD_M = 30.0
+DEFENDED_SD_M, KNOWN_AGAIN_M = 30.0, 10.0
+"""A height without GNSS that is worse is of no use; the offset of a barometer that was wrong is
+known again when the height is."""
 LONGEST_ONSET_S = 10.0
 """A fault that shows after a longer silence may have begun at any time within it."""
 
 
 @step
-def suppose(bank: Any, parent: int, first: int, end: int, prior: float) -> int:
+def suppose(bank: Record, parent: int, first: int, end: int, prior: float) -> int:
     """A copy of hypothesis `parent` in the least probable slot of [first, end), with the share
     `prior` of its probability; its slot, or -1 when all slots hold what is more probable."""
     slot = -1
@@ -76,7 +78,7 @@ def suppose(bank: Any, parent: int, first: int, end: int, prior: float) -> int:
 
 @step
 def suppose_gnss_fault(
-    bank: Any, jump_m: float, slide_mps: float, prior: float, is_jump: int
+    bank: Record, jump_m: float, slide_mps: float, prior: float, is_jump: int
 ) -> None:
     """The most probable hypothesis, but its receiver is wrong since now."""
     top = heaviest(bank, 0, N)
@@ -90,31 +92,35 @@ def suppose_gnss_fault(
 
 
 @step
-def suppose_baro_fault(bank: Any, jump_m: float, slide_mps: float, prior: float) -> None:
+def suppose_baro_fault(bank: Record, jump_m: float, slide_mps: float, prior: float) -> None:
     """The most probable hypothesis, but its barometer is wrong since now."""
     top = heaviest(bank, 0, N)
     both = gnss_is_wrong(top)
     slot = suppose(bank, top, BO if both else BA, RE if both else MO, prior)
     if slot >= 0:
         bank.P[slot, OFFSET, OFFSET] += jump_m * jump_m
-        bank.P[slot, RATE, RATE] += slide_mps * slide_mps
+        if not baro_is_wrong(top):
+            bank.P[slot, RATE, RATE] += slide_mps * slide_mps
 
 
 @step
-def suppose_motion(bank: Any, p: Any, is_blind: bool, elapsed_s: float) -> None:
+def suppose_motion(bank: Record, p: Record, is_blind: bool, elapsed_s: float) -> None:
     """The most probable hypothesis, but the vehicle has moved otherwise than the IMU tells, or than
     is usual without one."""
     top = heaviest(bank, 0, N)
     if imu_is_wrong(top) or gnss_is_wrong(top) or baro_is_wrong(top):
         return
     rate_per_h = p.manoeuvre_rate_per_h if is_blind else p.fault_rate_per_h
-    slot = suppose(bank, top, MO, BO, rate_per_h * PER_H * elapsed_s)
+    prior = rate_per_h * PER_H * elapsed_s
+    if bank.weight[MO] > bank.weight[top] * prior:
+        return  # the one supposed before has learned since
+    slot = suppose(bank, top, MO, BO, prior)
     if slot >= 0:
         bank.P[slot, CLIMB, CLIMB] += p.manoeuvre_mps * p.manoeuvre_mps
 
 
 @step
-def suppose_return(bank: Any, parent: int, prior: float) -> None:
+def suppose_return(bank: Record, parent: int, prior: float) -> None:
     """Hypothesis `parent`, but its receiver is well again since now; that much less of the parent
     remains."""
     slot = suppose(bank, parent, RE, N, prior)
@@ -126,10 +132,10 @@ def suppose_return(bank: Any, parent: int, prior: float) -> None:
 
 
 @step
-def suppose_after_outage(bank: Any, p: Any, prior: float) -> None:
+def suppose_after_outage(bank: Record, p: Record, prior: float) -> None:
     """The barometer has been wrong since some time of an outage of GNSS, and took the height with
     it."""
-    slot = suppose(bank, heaviest(bank, 0, N), BA, MO, prior)
+    slot = suppose(bank, heaviest(bank, 0, N), MO - 1, MO, prior)
     if slot >= 0:
         m2 = p.outage_fault_m * p.outage_fault_m
         bank.P[slot, HEIGHT, HEIGHT] += m2
@@ -139,7 +145,7 @@ def suppose_after_outage(bank: Any, p: Any, prior: float) -> None:
 
 
 @step
-def on_gnss_surprise(bank: Any, p: Any, is_blind: bool, elapsed_s: float) -> None:
+def on_gnss_surprise(bank: Record, p: Record, is_blind: bool, elapsed_s: float) -> None:
     """What may be behind a fix that the most probable hypothesis does not explain."""
     top = heaviest(bank, 0, N)
     elapsed_s = min(elapsed_s, LONGEST_ONSET_S)
@@ -148,14 +154,12 @@ def on_gnss_surprise(bank: Any, p: Any, is_blind: bool, elapsed_s: float) -> Non
         suppose_return(bank, top, rejump)
         suppose_gnss_fault(bank, p.gnss_jump_m, 0.0, rejump, 1)
     else:
-        suppose_gnss_fault(
-            bank, p.gnss_jump_m, 0.1 * p.slide_sd_mps, p.fault_rate_per_h * PER_H * elapsed_s, 1
-        )
+        suppose_gnss_fault(bank, p.gnss_jump_m, 0.0, p.fault_rate_per_h * PER_H * elapsed_s, 1)
     suppose_motion(bank, p, is_blind, elapsed_s)
 
 
 @step
-def on_baro_surprise(bank: Any, p: Any, is_blind: bool, elapsed_s: float) -> None:
+def on_baro_surprise(bank: Record, p: Record, is_blind: bool, elapsed_s: float) -> None:
     """What may be behind a barometer height that the most probable hypothesis does not explain."""
     top = heaviest(bank, 0, N)
     elapsed_s = min(elapsed_s, LONGEST_ONSET_S)
@@ -167,7 +171,7 @@ def on_baro_surprise(bank: Any, p: Any, is_blind: bool, elapsed_s: float) -> Non
 
 
 @step
-def doubt_repeat(bank: Any, repeat_probability: float) -> None:
+def doubt_repeat(bank: Record, repeat_probability: float) -> None:
     """The barometer repeated a value: sure of one that is stuck, else this probable."""
     for i in range(N):
         if not baro_is_wrong(i):
@@ -176,7 +180,7 @@ def doubt_repeat(bank: Any, repeat_probability: float) -> None:
 
 
 @step
-def lasts_s(bank: Any, p: Any, i: int) -> float:
+def lasts_s(bank: Record, p: Record, i: int) -> float:
     """Duration of the receiver's fault in hypothesis i. A jump ends by a jump, but where the height
     without GNSS has become of no use, better a GNSS that may be wrong."""
     if bank.P[i, HEIGHT, HEIGHT] > DEFENDED_SD_M * DEFENDED_SD_M:
@@ -185,7 +189,7 @@ def lasts_s(bank: Any, p: Any, i: int) -> float:
 
 
 @step
-def suppose_baro_is_well(bank: Any, p: Any, elapsed_s: float) -> None:
+def suppose_baro_is_well(bank: Record, p: Record, elapsed_s: float) -> None:
     """Of the two that are wrong, the barometer is well again, with the offset that it has."""
     both = heaviest(bank, BO, RE)
     if bank.weight[both] == 0.0:
@@ -198,8 +202,9 @@ def suppose_baro_is_well(bank: Any, p: Any, elapsed_s: float) -> None:
 
 
 @step
-def search(bank: Any, p: Any) -> None:
-    """Every ten seconds: a slow fault may have begun, a slide of the receiver may have ended."""
+def search(bank: Record, p: Record, is_alone: int) -> None:
+    """Every ten seconds: a slow fault may have begun, a slide of the receiver may have ended. A
+    barometer that is alone may have gone wrong unseen."""
     if bank.now_us - bank.searched_us < SEARCH_US:
         return
     elapsed_s = min((bank.now_us - bank.searched_us) * 1e-6, LONGEST_ONSET_S)
@@ -208,7 +213,10 @@ def search(bank: Any, p: Any) -> None:
     prior = p.slide_rate_per_h * PER_H * elapsed_s
     if not gnss_is_wrong(top):
         suppose_gnss_fault(bank, p.slide_onset_m, p.slide_sd_mps, prior, 0)
-    if not baro_is_wrong(top):
+    if is_alone == 1:
+        unseen = (p.fault_rate_per_h + p.slide_rate_per_h) * PER_H * elapsed_s
+        suppose_after_outage(bank, p, unseen + bank.weight[MO - 1])
+    elif not baro_is_wrong(top):
         suppose_baro_fault(bank, p.slide_onset_m, p.baro_fault_rate_mps, prior)
     for i in range(GN, RE):
         if bank.weight[i] > 0.0 and gnss_is_wrong(i):
@@ -218,7 +226,7 @@ def search(bank: Any, p: Any) -> None:
 
 
 @step
-def switch(bank: Any, p: Any, is_stuck: int) -> None:
+def switch(bank: Record, p: Record, is_stuck: int) -> None:
     """Every second: the weather may change its kind, and faults of seconds end: each weather
     channel restarts from the moments of all that may have become it."""
     elapsed_s = (bank.now_us - bank.switched_us) * 1e-6
@@ -230,7 +238,7 @@ def switch(bank: Any, p: Any, is_stuck: int) -> None:
     for j in range(GN):
         mix_into(bank, p, j, change, elapsed_s, is_stuck)
     for i in range(GN, N):
-        bank.weight[i] *= 1.0 - ending(p, i, elapsed_s, is_stuck)
+        bank.weight[i] *= 1.0 - ending(bank, p, i, elapsed_s, is_stuck)
     for j in range(GN):
         duplicate(bank.x[j], bank.P[j], bank.mixed_x[j], bank.mixed_P[j])
     for j in range(GN):
@@ -239,12 +247,14 @@ def switch(bank: Any, p: Any, is_stuck: int) -> None:
 
 
 @step
-def ending(p: Any, i: int, elapsed_s: float, is_stuck: int) -> float:
+def ending(bank: Record, p: Record, i: int, elapsed_s: float, is_stuck: int) -> float:
     """Probability that hypothesis i, no weather, has become weather within `elapsed_s`."""
     if imu_is_wrong(i):
-        return 1.0 - math.exp(-elapsed_s / p.imu_fault_time_s)
+        time_s = p.manoeuvre_time_s if bank.blind == 1 else p.imu_fault_time_s
+        return 1.0 - math.exp(-elapsed_s / time_s)
     if BA <= i < MO:
-        return 0.0 if is_stuck == 1 else 1.0 - math.exp(-elapsed_s / p.baro_fault_time_s)
+        is_free = bank.P[i, HEIGHT, HEIGHT] > KNOWN_AGAIN_M * KNOWN_AGAIN_M
+        return 0.0 if is_stuck == 1 or is_free else 1.0 - math.exp(-elapsed_s / p.baro_fault_time_s)
     if i >= RE:
         return 1.0 - math.exp(-elapsed_s / p.baro_fault_time_s)
     return 0.0
@@ -252,16 +262,18 @@ def ending(p: Any, i: int, elapsed_s: float, is_stuck: int) -> float:
 
 @step
 def share_of(
-    bank: Any, p: Any, i: int, j: int, change: float, elapsed_s: float, stuck: int
+    bank: Record, p: Record, i: int, j: int, change: float, elapsed_s: float, stuck: int
 ) -> float:
     """Probability that hypothesis i holds and has become weather j."""
     if i < GN:
         return ((1.0 - change if i == j else 0.0) + change * p.weather_prior[j]) * bank.weight[i]
-    return ending(p, i, elapsed_s, stuck) * p.weather_prior[j] * bank.weight[i]
+    return ending(bank, p, i, elapsed_s, stuck) * p.weather_prior[j] * bank.weight[i]
 
 
 @step
-def mix_into(bank: Any, p: Any, j: int, change: float, elapsed_s: float, is_stuck: int) -> None:
+def mix_into(
+    bank: Record, p: Record, j: int, change: float, elapsed_s: float, is_stuck: int
+) -> None:
     """Moments of weather j after `elapsed_s`, into `mixed_x` and `mixed_P`; its probability into
     `log_likelihood`. What comes out of a fault of the barometer has the drift rate of weather j."""
     total = 0.0
@@ -291,7 +303,7 @@ def mix_into(bank: Any, p: Any, j: int, change: float, elapsed_s: float, is_stuc
 
 
 @step
-def add_moment(bank: Any, p: Any, i: int, j: int, share: float) -> None:
+def add_moment(bank: Record, p: Record, i: int, j: int, share: float) -> None:
     """Add hypothesis i to the covariance of weather j."""
     x, P, mixed, cov = bank.x[i], bank.P[i], bank.mixed_x[j], bank.mixed_P[j]
     from_fault = baro_is_wrong(i)

@@ -10,14 +10,13 @@ the attitude makes it while the vehicle turns (`note_tilt`).
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
 from companion.jit import step
-from companion.kernels.attitude import DISTURBANCE_TIME_S
+from companion.kernels.levelling import DISTURBANCE_TIME_S
 from companion.kernels.ring import at, clear, push, ring_fields
-from companion.samples import Rows
+from companion.samples import Record, Rows
 
 BLIND_US = 250_000
 """IMU samples further apart than this leave a gap that nothing is known about."""
@@ -53,7 +52,7 @@ INERTIAL = np.dtype(
 
 
 @step
-def inertial_start(imu: Any) -> None:
+def inertial_start(imu: Record) -> None:
     """Nothing known."""
     clear(imu.fallen_us, imu.fallen_values)
     imu.up_us, imu.until_us = -1, -1
@@ -65,13 +64,13 @@ def inertial_start(imu: Any) -> None:
 
 
 @step
-def begin_stretch(imu: Any) -> None:
+def begin_stretch(imu: Record) -> None:
     """The channels stand where the integrals do."""
     imu.gained_v, imu.gained_h, imu.gained_psd, imu.gained_s, imu.seen_s = 0.0, 0.0, 0.0, 0.0, 0.0
 
 
 @step
-def integrate(imu: Any, p: Any, interval_s: float, to_us: int) -> None:
+def integrate(imu: Record, p: Record, interval_s: float, to_us: int) -> None:
     """Integrate the newest upward acceleration until `to_us`; without one that is fresh, count the
     time as blind."""
     if imu.until_us < 0:
@@ -98,7 +97,7 @@ def integrate(imu: Any, p: Any, interval_s: float, to_us: int) -> None:
 
 
 @step
-def inertial_psd(imu: Any, p: Any, interval_s: float) -> float:
+def inertial_psd(imu: Record, p: Record, interval_s: float) -> float:
     """Spectral density of the upward acceleration's noise, m2/s3: as it shakes, but no less than
     that of a fast stream, and no more than a slow one may miss, which grows with T^3. Vibration is
     a tone: it shakes more than it moves."""
@@ -108,13 +107,15 @@ def inertial_psd(imu: Any, p: Any, interval_s: float) -> float:
 
 
 @step
-def is_inertial(imu: Any, time_us: int) -> bool:
+def is_inertial(imu: Record, time_us: int) -> bool:
     """Whether an upward acceleration is known now."""
     return not math.isnan(imu.up_mps2) and time_us - imu.up_us <= BLIND_US
 
 
 @step
-def take_acceleration(imu: Any, p: Any, interval_s: float, time_us: int, up_mps2: float) -> None:
+def take_acceleration(
+    imu: Record, p: Record, interval_s: float, time_us: int, up_mps2: float
+) -> None:
     """The upward acceleration of the stretch since the last one, if that was not long ago; NaN is
     unknown."""
     before_us, imu.up_us = imu.up_us, time_us
@@ -125,7 +126,7 @@ def take_acceleration(imu: Any, p: Any, interval_s: float, time_us: int, up_mps2
 
 
 @step
-def note_shake(imu: Any, interval_s: float, up_mps2: float) -> None:
+def note_shake(imu: Record, interval_s: float, up_mps2: float) -> None:
     """What a stream misses between its samples: they stand for an interval T each, and shaken by w,
     for a density w2 T. So a slow stream is as good as a fast one while nothing shakes."""
     change_mps2 = up_mps2 - imu.up_mps2
@@ -135,7 +136,7 @@ def note_shake(imu: Any, interval_s: float, up_mps2: float) -> None:
 
 
 @step
-def note_tilt(imu: Any, state: Rows, sample: Rows) -> None:
+def note_tilt(imu: Record, attitude: Record, sample: Rows) -> None:
     """How much a wrong attitude may spoil the upward acceleration: its error turns horizontal force
     into vertical.
 
@@ -143,8 +144,8 @@ def note_tilt(imu: Any, state: Rows, sample: Rows) -> None:
     shakes averages out. Entering a turn with 40 degrees of bank, 8 m/s2 become horizontal, and 0.02
     rad are 0.16 m/s2, for as long as a disturbance of the attitude lasts.
     """
-    up, force = state[0].attitude_up_b, sample[0].specific_force_b_mps2
-    interval_s, tilt_var = state[0].attitude_interval_s, state[0].attitude_tilt_var
+    up, force = attitude.own.up_b, sample[0].specific_force_b_mps2
+    interval_s, tilt_var = attitude.interval_s, attitude.own.tilt_var
     imu.tilt_psd = 0.0
     if math.isnan(up[0]):
         return
@@ -163,7 +164,7 @@ def note_tilt(imu: Any, state: Rows, sample: Rows) -> None:
 
 
 @step
-def known_displacement(imu: Any, now_us: int, time_us: int) -> float:
+def known_displacement(imu: Record, now_us: int, time_us: int) -> float:
     """T V - (S(t) - S(t - T)) of `channel`, for a measurement of `time_us`, older than the
     channels, which stand at `now_us`."""
     late_s = (now_us - time_us) * 1e-6

@@ -12,7 +12,6 @@ of date.
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -38,6 +37,7 @@ from companion.estimators.vertical_bank.channel import (
 from companion.estimators.vertical_bank.inertial import begin_stretch, integrate
 from companion.jit import step
 from companion.kernels.kalman import Array, inflated
+from companion.samples import Record
 
 W, GN, BA, MO, BO, RE, N = 0, 3, 7, 10, 11, 13, 15
 """first slot of each mode, and their number"""
@@ -69,7 +69,9 @@ BANK = np.dtype(
         ("slow_m2", "f8"),  # stationary variance of g
         ("fast_m2", "f8"),  # stationary variance of e
         ("level_m", "f8"),  # height up to which the offset follows the scale; NaN none
-        ("climb_mps", "f8"),  # largest of late
+        ("blind", "i8"),  # 1 when the newest stretch had no acceleration
+        ("slope_mps", "f8"),  # of the smoothed barometer height
+        ("climb_mps", "f8"),  # largest of late that both the mixture and the barometer show
         ("path_m", "f8"),  # displacement since the start, without any correction
     ],
     align=True,
@@ -95,7 +97,7 @@ def imu_is_wrong(i: int) -> bool:
 
 
 @step
-def mean(bank: Any, k: int) -> float:
+def mean(bank: Record, k: int) -> float:
     """Mean of state k."""
     total = 0.0
     for i in range(N):
@@ -104,7 +106,7 @@ def mean(bank: Any, k: int) -> float:
 
 
 @step
-def variance(bank: Any, k: int) -> float:
+def variance(bank: Record, k: int) -> float:
     """Variance of state k: within the hypotheses and between them."""
     centre, total = mean(bank, k), 0.0
     for i in range(N):
@@ -115,7 +117,7 @@ def variance(bank: Any, k: int) -> float:
 
 
 @step
-def expected(bank: Any, H: Array) -> float:
+def expected(bank: Record, H: Array) -> float:
     """Mean of H x."""
     total = 0.0
     for i in range(N):
@@ -125,7 +127,7 @@ def expected(bank: Any, H: Array) -> float:
 
 
 @step
-def expected_variance(bank: Any, H: Array) -> float:
+def expected_variance(bank: Record, H: Array) -> float:
     """Variance of H x."""
     centre, total = expected(bank, H), 0.0
     for i in range(N):
@@ -136,7 +138,7 @@ def expected_variance(bank: Any, H: Array) -> float:
 
 
 @step
-def heaviest(bank: Any, first: int, end: int) -> int:
+def heaviest(bank: Record, first: int, end: int) -> int:
     """The most probable hypothesis of slots [first, end)."""
     found = first
     for i in range(first, end):
@@ -146,7 +148,7 @@ def heaviest(bank: Any, first: int, end: int) -> int:
 
 
 @step
-def normalise(bank: Any) -> None:
+def normalise(bank: Record) -> None:
     """Probabilities sum to 1; what is negligible is dropped."""
     total = 0.0
     for i in range(N):
@@ -162,7 +164,7 @@ def normalise(bank: Any) -> None:
 
 
 @step
-def advance(bank: Any, imu: Any, p: Any, interval_s: float, to_us: int) -> None:
+def advance(bank: Record, imu: Record, p: Record, interval_s: float, to_us: int) -> None:
     """Bring every channel to `to_us`, or to where the inertial integrals stand.
 
     The integrals belong to that instant: a channel left behind it would meet a late fix with those
@@ -172,7 +174,8 @@ def advance(bank: Any, imu: Any, p: Any, interval_s: float, to_us: int) -> None:
     integrate(imu, p, interval_s, to_us)
     total_s = (to_us - bank.now_us) * 1e-6
     if bank.now_us >= 0 and total_s > 0.0:
-        bank.climb_mps = largest_climb_mps(bank.climb_mps, mean(bank, CLIMB), total_s)
+        climb_mps = mean(bank, CLIMB)
+        bank.climb_mps = largest_climb_mps(bank.climb_mps, climb_mps, bank.slope_mps, total_s)
         steps = min(MOST_STEPS, int(total_s / LONGEST_STEP_S) + 1)
         dt = total_s / steps
         for _ in range(steps):
@@ -183,12 +186,13 @@ def advance(bank: Any, imu: Any, p: Any, interval_s: float, to_us: int) -> None:
 
 
 @step
-def propagate(bank: Any, imu: Any, p: Any, dt: float, steps: int) -> None:
+def propagate(bank: Record, imu: Record, p: Record, dt: float, steps: int) -> None:
     """One of `steps` equal steps of every hypothesis to where the inertial integrals stand."""
     dv = imu.gained_v / steps
     dh = imu.gained_h if steps == 1 else 0.5 * dv * dt
     psd = imu.gained_psd / imu.gained_s
     is_blind = imu.seen_s < 0.5 * imu.gained_s
+    bank.blind = 1 if is_blind else 0
     keep_fast, keep_gnss = math.exp(-dt / p.fast_time_s), math.exp(-dt / p.gnss_time_s)
     keep_slide = math.exp(-dt / p.slide_time_s)
     keep_ramp = math.exp(-dt / p.baro_fault_rate_time_s)
@@ -212,7 +216,8 @@ def propagate(bank: Any, imu: Any, p: Any, dt: float, steps: int) -> None:
         relax(x, P, FAST, keep_fast, bank.fast_m2)
         if gnss_is_wrong(i):
             carry(x, P, GNSS_BIAS, GNSS_RATE, dt)
-            relax(x, P, GNSS_RATE, keep_slide, p.slide_sd_mps * p.slide_sd_mps)
+            slide_sd = 0.0 if bank.jumped[i] == 1 else p.slide_sd_mps
+            relax(x, P, GNSS_RATE, keep_slide, slide_sd * slide_sd)
             P[GNSS_BIAS, GNSS_BIAS] += drive_m2
         else:
             relax(x, P, GNSS_BIAS, keep_gnss, bank.slow_m2)
@@ -222,7 +227,7 @@ def propagate(bank: Any, imu: Any, p: Any, dt: float, steps: int) -> None:
 
 
 @step
-def fuse(bank: Any, z: float, R: float, temper: float, is_soft: int) -> None:
+def fuse(bank: Record, z: float, R: float, temper: float, is_soft: int) -> None:
     """Correct every hypothesis by z = H x + white of variance R, and its probability by the
     tempered likelihood. A soft measurement may be an outlier."""
     best = -math.inf
@@ -246,7 +251,7 @@ def fuse(bank: Any, z: float, R: float, temper: float, is_soft: int) -> None:
 
 
 @step
-def climb_the_column(bank: Any) -> None:
+def climb_the_column(bank: Record) -> None:
     """o += s dh, when the mean height has moved by a layer."""
     height_m = mean(bank, HEIGHT)
     if math.isnan(bank.level_m):
@@ -261,7 +266,7 @@ def climb_the_column(bank: Any) -> None:
 
 
 @step
-def surprises(bank: Any, z: float, R: float, sigma: float) -> bool:
+def surprises(bank: Record, z: float, R: float, sigma: float) -> bool:
     """Whether z = H x + white is beyond `sigma` for the most probable hypothesis."""
     top = heaviest(bank, 0, N)
     innovation = z - dot(bank.H, bank.x[top])

@@ -10,11 +10,11 @@ is more probable than the risk and says another height widens the level as far a
 """
 
 import math
-from typing import Any
 
 from companion.estimators.vertical_bank.channel import HEIGHT
 from companion.estimators.vertical_bank.mixture import N, mean
 from companion.jit import step
+from companion.samples import Record
 
 HALVINGS, DOUBLINGS = 14, 40
 START_SIGMA = 4.0
@@ -23,7 +23,7 @@ SURE_SIGMA = 1.0
 
 
 @step
-def risk_beyond(bank: Any, crossings_per_h: float, centre_m: float, level_m: float) -> float:
+def risk_beyond(bank: Record, crossings_per_h: float, centre_m: float, level_m: float) -> float:
     """Chance that the height leaves `centre_m` +- `level_m` within an hour."""
     total = 0.0
     for i in range(N):
@@ -39,7 +39,7 @@ def risk_beyond(bank: Any, crossings_per_h: float, centre_m: float, level_m: flo
 
 
 @step
-def protection_level_m(bank: Any, crossings_per_h: float, risk: float, sd_m: float) -> float:
+def protection_level_m(bank: Record, crossings_per_h: float, risk: float, sd_m: float) -> float:
     """The level, m, within one part in ten thousand."""
     centre_m = mean(bank, HEIGHT)
     high = START_SIGMA * sd_m

@@ -9,12 +9,10 @@ A spare shares the weather and the ionosphere with the one in use, so it makes t
 while both are well: it is not fused then.
 """
 
-from typing import Any
-
 import numpy as np
 
 from companion.jit import step
-from companion.samples import MAX_INSTANCES
+from companion.samples import MAX_INSTANCES, Record
 
 SETTLED = 50
 """samples until the offset of a spare is known"""
@@ -41,7 +39,7 @@ SPARES = np.dtype(
 
 
 @step
-def spares_start(spares: Any) -> None:
+def spares_start(spares: Record) -> None:
     """No instance heard."""
     for kind in range(2):
         spares.active[kind], spares.active_us[kind], spares.first_us[kind] = -1, -1, -1
@@ -52,7 +50,7 @@ def spares_start(spares: Any) -> None:
 
 
 @step
-def choose(spares: Any, kind: int, instance: int, time_us: int) -> int:
+def choose(spares: Record, kind: int, instance: int, time_us: int) -> int:
     """Whether a sample is of the instance in use, of one that takes over now, or of a spare."""
     if spares.first_us[kind] < 0:
         spares.first_us[kind] = time_us
@@ -68,7 +66,7 @@ def choose(spares: Any, kind: int, instance: int, time_us: int) -> int:
 
 
 @step
-def follow(spares: Any, kind: int, instance: int, time_us: int, innovation_m: float) -> float:
+def follow(spares: Record, kind: int, instance: int, time_us: int, innovation_m: float) -> float:
     """Move the offset of a spare with its newest reading; how far that was from it."""
     since_us = time_us - spares.time_us[kind, instance]
     if spares.count[kind, instance] == 0 or since_us > FORGOTTEN_US:
@@ -83,18 +81,18 @@ def follow(spares: Any, kind: int, instance: int, time_us: int, innovation_m: fl
 
 
 @step
-def is_settled(spares: Any, kind: int, instance: int) -> bool:
+def is_settled(spares: Record, kind: int, instance: int) -> bool:
     """Whether the offset of a spare is known."""
     return spares.count[kind, instance] >= SETTLED
 
 
 @step
-def offset_m(spares: Any, kind: int, instance: int) -> float:
+def offset_m(spares: Record, kind: int, instance: int) -> float:
     """What an instance reads above what the first one in use would."""
     return spares.offset_m[kind, instance] if is_settled(spares, kind, instance) else 0.0
 
 
 @step
-def unknown_offset(spares: Any, kind: int, instance: int) -> bool:
+def unknown_offset(spares: Record, kind: int, instance: int) -> bool:
     """Whether an instance that takes over has no offset to be told by."""
     return spares.first_us[kind] < spares.active_us[kind] and not is_settled(spares, kind, instance)

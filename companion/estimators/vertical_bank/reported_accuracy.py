@@ -15,7 +15,6 @@ motion. The slow part is the rest of the reported spread.
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from companion.estimators.vertical_bank.channel import GNSS_BIAS, shrink
 from companion.estimators.vertical_bank.mixture import N, gnss_is_wrong
 from companion.jit import step
 from companion.kernels.gnss import gnss_sd_m
-from companion.samples import Rows
+from companion.samples import Record, Rows
 
 MUCH_BETTER = 2.0
 NOISE_STEP = 0.05
@@ -47,14 +46,14 @@ RECEIVER = np.dtype(
 
 
 @step
-def receiver_start(gnss: Any) -> None:
+def receiver_start(gnss: Record) -> None:
     """No fix heard."""
     gnss.seen, gnss.used_us, gnss.median_m, gnss.height_m = 0, -1, math.nan, math.nan
     gnss.path_m, gnss.innovation_m, gnss.ground_speed_mps = 0.0, math.nan, math.nan
 
 
 @step
-def slow_floor_m(p: Any, fix_type: int) -> float:
+def slow_floor_m(p: Record, fix_type: int) -> float:
     """Least slow error of a fix of this type."""
     if fix_type >= 6:
         return FIXED_SLOW_M
@@ -64,7 +63,7 @@ def slow_floor_m(p: Any, fix_type: int) -> float:
 
 
 @step
-def white_floor_m(p: Any, fix_type: int) -> float:
+def white_floor_m(p: Record, fix_type: int) -> float:
     """Least white noise of a fix of this type."""
     if fix_type >= 6:
         return FIXED_WHITE_M
@@ -74,7 +73,7 @@ def white_floor_m(p: Any, fix_type: int) -> float:
 
 
 @step
-def note_fix(gnss: Any, p: Any, sample: Rows, path_m: float) -> None:
+def note_fix(gnss: Record, p: Record, sample: Rows, path_m: float) -> None:
     """Follow the median of |change beyond the motion| by a step up or down with every fix: an
     outlier counts no more than any other."""
     height_m = sample[0].altitude_amsl_m
@@ -89,7 +88,7 @@ def note_fix(gnss: Any, p: Any, sample: Rows, path_m: float) -> None:
 
 
 @step
-def white_m2(gnss: Any, p: Any, sample: Rows) -> float:
+def white_m2(gnss: Record, p: Record, sample: Rows) -> float:
     """White variance of a fix: what the stream shows, within the reported spread."""
     shown_m = MEDIAN_TO_SD / math.sqrt(2.0) * gnss.median_m
     reported_m = gnss_sd_m(sample, 0.0, p.gnss_sd_unknown_m)
@@ -97,7 +96,7 @@ def white_m2(gnss: Any, p: Any, sample: Rows) -> float:
 
 
 @step
-def slow_m2(p: Any, sample: Rows, white: float) -> float:
+def slow_m2(p: Record, sample: Rows, white: float) -> float:
     """Slow variance of a fix: the rest of the reported spread."""
     reported_m = gnss_sd_m(sample, 0.0, p.gnss_sd_unknown_m)
     floor_m = slow_floor_m(p, sample[0].fix_type)
@@ -105,7 +104,7 @@ def slow_m2(p: Any, sample: Rows, white: float) -> float:
 
 
 @step
-def expect_gnss(bank: Any, p: Any, slow: float, elapsed_s: float) -> None:
+def expect_gnss(bank: Record, p: Record, slow: float, elapsed_s: float) -> None:
     """The slow variance that the receiver reports now goes to every hypothesis.
 
     A report that gets worse adds what it is worse by. One that gets better by `MUCH_BETTER` and

@@ -100,7 +100,7 @@ class VerticalBankSettings(EstimatorSettings):
     """Rate of a slow GNSS fault"""
     slide_time_s: float = Field(300.0, gt=0, le=1e5)
     """Correlation time of that rate"""
-    slide_end_s: float = Field(300.0, gt=0, le=1e6)
+    slide_end_s: float = Field(1800.0, gt=0, le=1e6)
     """Duration of a slow GNSS fault"""
     jump_time_s: float = Field(3600.0, gt=0, le=1e6)
     """Time after which a GNSS jump that was not reversed may yet have ended"""
@@ -122,11 +122,13 @@ class VerticalBankSettings(EstimatorSettings):
     """Size of a barometer fault that was unseen during a GNSS outage"""
     outage_fault_probabilities: tuple[Share, Share] = (0.03, 0.003)
     """Probability of such a fault, without and with an IMU"""
-    imu_fault_time_s: float = Field(5.0, gt=0, le=1e5)
-    """Duration of an IMU fault or of an unusual manoeuvre"""
+    imu_fault_time_s: float = Field(30.0, gt=0, le=1e5)
+    """Duration of an IMU fault"""
+    manoeuvre_time_s: float = Field(5.0, gt=0, le=1e5)
+    """Duration of an unusual manoeuvre"""
     manoeuvre_rate_per_h: float = Field(60.0, gt=0, le=1e5)
     """Rate of unusual manoeuvres, which matter without an IMU"""
-    manoeuvre_mps: float = Field(10.0, gt=0, le=1000)
+    manoeuvre_mps: float = Field(5.0, gt=0, le=1000)
     """Unexplained climb when an unusual manoeuvre is first supposed"""
     manoeuvre_ratio: float = Field(10.0, ge=1, le=1000)
     """Spectral density of the acceleration in an unusual manoeuvre, over `blind_psd_m2ps3`"""

@@ -75,6 +75,7 @@ from companion.estimators.vertical_bank.attribution import (
     is_named,
     named_fault,
 )
+from companion.estimators.vertical_bank.baro_terms.lag import lag_climb_mps, slope_mps
 from companion.estimators.vertical_bank.baro_terms.static_port import unseen_head_m2
 from companion.estimators.vertical_bank.baro_terms.timing import timing_m2
 from companion.estimators.vertical_bank.barometer import (
@@ -171,7 +172,7 @@ from companion.estimators.vertical_bank.takeoff import (
 from companion.jit import step
 from companion.kernels.atmosphere import baro_altitude_m, qnh_pa
 from companion.kernels.attitude import (
-    attitude_fields,
+    ATTITUDE_STATE,
     attitude_gnss,
     attitude_imu,
     attitude_start,
@@ -199,7 +200,7 @@ LONG_SILENCE_US = 60_000_000
 """After so long without any height, what moved is unknown."""
 
 STATE = state_dtype(
-    *attitude_fields(),
+    ("attitude", ATTITUDE_STATE),
     ("imu", INERTIAL_RECORD),
     ("bank", BANK),
     ("named", ATTRIBUTION),
@@ -223,7 +224,7 @@ def start(state: Rows, params: Rows) -> None:
     """Forget everything but the counters."""
     s, p = state[0], params[0]
     reset(state)
-    attitude_start(state)
+    attitude_start(s.attitude)
     inertial_start(s.imu)
     bank_start(s.bank, p)
     attribution_start(s.named)
@@ -249,12 +250,12 @@ def on_imu(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         return tally(state, IMU, verdict)
     time_us = sample[0].time_us
     place(state, IMU, 0, time_us)
-    attitude_imu(state, sample)
-    up_mps2 = upward_mps2(state, params, sample) if imu_can_be_integrated(state) else math.nan
-    note_tilt(s.imu, state, sample)
-    take_acceleration(s.imu, p, s.attitude_interval_s, time_us, up_mps2)
+    attitude_imu(s.attitude, sample)
+    up_mps2 = upward_mps2(state, params, sample) if imu_can_be_integrated(s.attitude) else math.nan
+    note_tilt(s.imu, s.attitude, sample)
+    take_acceleration(s.imu, p, s.attitude.interval_s, time_us, up_mps2)
     if s.bank.now_us >= 0 and time_us - s.bank.now_us >= OUTPUT_US:
-        advance(s.bank, s.imu, p, s.attitude_interval_s, time_us)
+        advance(s.bank, s.imu, p, s.attitude.interval_s, time_us)
         publish(state, params, estimate)
     if math.isnan(up_mps2):
         return tally(state, IMU, IGNORED)
@@ -266,23 +267,24 @@ def upward_mps2(state: Rows, params: Rows, sample: Rows) -> float:
     """Upward acceleration by our own attitude, or the vehicle's if the settings say so; NaN while
     that is vague."""
     s, force = state[0], sample[0].specific_force_b_mps2
-    if params[0].vehicle_attitude == 1 and vehicle_serves(state):
-        return up_acceleration_mps2(state, sample)
-    if not s.attitude_tilt_var < VAGUE_TILT_RAD * VAGUE_TILT_RAD:
+    if params[0].vehicle_attitude == 1 and vehicle_serves(s.attitude):
+        return up_acceleration_mps2(s.attitude, sample)
+    if not s.attitude.own.tilt_var < VAGUE_TILT_RAD * VAGUE_TILT_RAD:
         return math.nan
-    up = s.attitude_up_b
-    return force[0] * up[0] + force[1] * up[1] + force[2] * up[2] - s.attitude_gravity_mps2
+    up = s.attitude.own.up_b
+    return force[0] * up[0] + force[1] * up[1] + force[2] * up[2] - s.attitude.own.gravity_mps2
 
 
 @step
 def on_attitude(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     """The autopilot's attitude, a second source beside our own."""
+    s = state[0]
     if sample[0].instance != 0:
         return tally(state, ATTITUDE, IGNORED)
     verdict = judge_attitude(state, sample)
     if verdict == USED:
         place(state, ATTITUDE, 0, sample[0].time_us)
-        attitude_vehicle(state, sample)
+        attitude_vehicle(s.attitude, sample)
     return tally(state, ATTITUDE, verdict)
 
 
@@ -318,7 +320,7 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     read_m = baro_altitude_m(sample[0].pressure_pa)
     if role == NOT_IN_USE:
         if s.baro.seen == 1:
-            sees_barometer(s.bank.H, s.baro, late_s)
+            sees_barometer(s.bank.H, s.baro, lag_climb_mps(s.bank.slope_mps), late_s)
             innovation_m = read_m - expected(s.bank, s.bank.H)
             follow(s.spares, BAROMETERS, instance, time_us, innovation_m)
         return tally(state, PRESSURE, IGNORED)
@@ -334,7 +336,7 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         hear_height(state, params, time_us, sample[0].pressure_pa, height_m, silent_us)
     if not is_repeat or rests(s.baro, time_us, s.bank.path_m, mean(s.bank, CLIMB)):
         R = noise_m2(s.baro, p) + timing_m2(p.timing_sd_s, s.bank.climb_mps, silent_us * 1e-6)
-        sees_barometer(s.bank.H, s.baro, late_s)
+        sees_barometer(s.bank.H, s.baro, lag_climb_mps(s.bank.slope_mps), late_s)
         watched = p.integrity == 1 and s.gnss.seen == 1
         if watched and surprises(s.bank, s.baro.height_m, R, SURPRISE_SIGMA):
             on_baro_surprise(s.bank, p, is_blind(state), silent_us * 1e-6)
@@ -352,6 +354,8 @@ def hear_height(
     it was silent."""
     s, p = state[0], params[0]
     first = s.baro.seen == 0
+    if not first:
+        s.bank.slope_mps = slope_mps(s.baro.smooth_m, s.baro.height_m)
     note_height(s.baro, time_us, pressure_pa, height_m, s.bank.path_m)
     if first:
         s.baro.seen = 1
@@ -360,7 +364,9 @@ def hear_height(
         fuse_qnh(s.aids, s.bank, p, mean(s.bank, HEIGHT) if known else height_m)
         fuse_temperature(s.aids, s.bank, p, pressure_pa)
     elif silent_us > SILENT_US:
-        sees_barometer(s.bank.H, s.baro, (s.bank.now_us - time_us) * 1e-6)
+        sees_barometer(
+            s.bank.H, s.baro, lag_climb_mps(s.bank.slope_mps), (s.bank.now_us - time_us) * 1e-6
+        )
         innovation_m = height_m - expected(s.bank, s.bank.H)
         S = noise_m2(s.baro, p) + expected_variance(s.bank, s.bank.H)
         if innovation_m * innovation_m > DATUM_SIGMA * DATUM_SIGMA * S:
@@ -395,7 +401,7 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     place(state, GNSS, instance, time_us)
     note_place(s.aids, sample[0].latitude_deg, sample[0].longitude_deg)
     if role != NOT_IN_USE:
-        attitude_gnss(state, sample)
+        attitude_gnss(s.attitude, sample)
         note_speed(s.baro, p, time_us, sample[0].ground_speed_mps, 0)
     predict(state, params, time_us)
     late_s = (s.bank.now_us - time_us) * 1e-6
@@ -537,7 +543,7 @@ def on_range(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     other = sample[0].instance != s.aids.range_instance
     if other and time_us - s.aids.range_us <= FRESH_US:
         return tally(state, RANGE, IGNORED)  # one at a time: they hang at different heights
-    upright = -s.attitude_up_b[2]
+    upright = -s.attitude.own.up_b[2]
     if not upright > STEEPEST_COS:
         return tally(state, RANGE, IGNORED)
     between_s = note_range(s.aids, time_us, sample[0].instance, distance_m * upright)
@@ -578,7 +584,7 @@ def predict(state: Rows, params: Rows, time_us: int) -> None:
     k, k2 = mean(bank, PORT), variance(bank, PORT)
     unseen_mps = unseen_speed_mps(s.baro, p, time_us)
     bank.fast_m2 = p.fast_sd_m**2 + unseen_head_m2(s.baro.head_m, unseen_mps, k * k + k2)
-    advance(bank, s.imu, p, s.attitude_interval_s, max(time_us, bank.now_us))
+    advance(bank, s.imu, p, s.attitude.interval_s, max(time_us, bank.now_us))
     heard_us = max(s.baro.heard_us, s.gnss.used_us)
     if before_us >= 0 and heard_us >= 0 and bank.now_us - heard_us > LONG_SILENCE_US:
         resume(bank, p)
@@ -595,7 +601,8 @@ def conclude(state: Rows, params: Rows, estimate: Rows) -> None:
         s.bank.switched_us, s.bank.searched_us = s.bank.now_us, s.bank.now_us
     switch(s.bank, p, s.baro.stuck)
     if p.integrity == 1 and s.gnss.seen == 1 and s.baro.seen == 1:
-        search(s.bank, p)
+        away_s = (s.bank.now_us - s.gnss.used_us) * 1e-6
+        search(s.bank, p, 1 if away_s > OUTAGE_S and is_blind(state) else 0)
         attribute(s.named, s.bank, p.attribution_probability, is_blind(state))
     if watch_takeoff(s.takeoff, s.bank):
         note_takeoff(s.aids, s.bank.now_us)

@@ -6,13 +6,13 @@ the barometer's drift and the receiver's error since then allow.
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
 from companion.estimators.vertical_bank.channel import CLIMB, HEIGHT, TAKEOFF, clone
 from companion.estimators.vertical_bank.mixture import N, mean
 from companion.jit import step
+from companion.samples import Record
 
 TAKEOFF_CLIMB_MPS, TAKEOFF_S = 1.0, 5.0
 REST_MPS = 0.5
@@ -29,13 +29,13 @@ TAKEOFF_RECORD = np.dtype(
 
 
 @step
-def takeoff_start(takeoff: Any) -> None:
+def takeoff_start(takeoff: Record) -> None:
     """On the ground, as far as is known."""
     takeoff.time_us, takeoff.climbing_us, takeoff.armed, takeoff.marked = -1, -1, -1, 0
 
 
 @step
-def mark(takeoff: Any, bank: Any) -> None:
+def mark(takeoff: Record, bank: Record) -> None:
     """The vehicle stands where it will take off from."""
     takeoff.marked = 1
     for i in range(N):
@@ -44,7 +44,7 @@ def mark(takeoff: Any, bank: Any) -> None:
 
 
 @step
-def note_armed(takeoff: Any, bank: Any, armed: int) -> bool:
+def note_armed(takeoff: Record, bank: Record, armed: int) -> bool:
     """STATUS: a vehicle that is seen to arm stands where it will take off from; whether it has."""
     if armed < 0:
         return False
@@ -57,7 +57,7 @@ def note_armed(takeoff: Any, bank: Any, armed: int) -> bool:
 
 
 @step
-def watch_takeoff(takeoff: Any, bank: Any) -> bool:
+def watch_takeoff(takeoff: Record, bank: Record) -> bool:
     """A vehicle that does not say that it arms takes off with its first climb of five seconds;
     whether its place was marked now."""
     if takeoff.time_us >= 0:
@@ -78,7 +78,7 @@ def watch_takeoff(takeoff: Any, bank: Any) -> bool:
 
 
 @step
-def height_above_takeoff_m(takeoff: Any, bank: Any) -> float:
+def height_above_takeoff_m(takeoff: Record, bank: Record) -> float:
     """Height above the place of the take-off; NaN before."""
     if takeoff.time_us < 0:
         return math.nan

@@ -17,13 +17,13 @@ import numpy as np
 
 from companion.evaluation.detection import detection, false_alarms
 from companion.evaluation.metrics import Array, truth_at
-from companion.logs import open_log
+from companion.logs.tlog import TlogReader
 from companion.mavlink.codec import Message
 from companion.pipeline import Pipeline
-from companion.samples import Fault, Kind, Packet, Rows, Verdict
+from companion.samples import FaultySensor, Kind, Packet, Rows, Verdict
 from companion.settings import CompanionSettings
 from sim.faults import Fault as PacketFault
-from sim.faults import Stream
+from sim.faults import FaultChain
 from sim.faults.readings import Freeze
 from sim.faults.values import Ramp, Step
 
@@ -45,7 +45,7 @@ class Case:
     """A fault to be tried, with the same size at every onset."""
 
     name: str
-    sensor: Fault
+    sensor: FaultySensor
     make: Callable[[float, float], PacketFault]
     """(start_s, duration_s) -> the fault"""
     lasts_s: float
@@ -67,13 +67,13 @@ def _height(
 
 
 def _baro(name: str, kind: type[Step] | type[Ramp], value: float) -> Case:
-    return Case(name, Fault.BAROMETER, _height(kind, "pressure_altitude", value), 20.0)
+    return Case(name, FaultySensor.BAROMETER, _height(kind, "pressure_altitude", value), 20.0)
 
 
 def _gnss(
     name: str, kind: type[Step] | type[Ramp], value: float, lasts_s: float, **more: Any
 ) -> Case:
-    return Case(name, Fault.GNSS, _height(kind, "gnss_height", value), lasts_s, **more)
+    return Case(name, FaultySensor.GNSS, _height(kind, "gnss_height", value), lasts_s, **more)
 
 
 CASES = (
@@ -83,7 +83,7 @@ CASES = (
     _baro("barometer -1 m/s", Ramp, -1.0),
     Case(
         "barometer frozen",
-        Fault.BAROMETER,
+        FaultySensor.BAROMETER,
         lambda start_s, duration_s: Freeze(start_s=start_s, duration_s=duration_s),
         30.0,
         moving=True,
@@ -174,7 +174,7 @@ def try_faults(
     Returns a row for each fault, and one for the flight without any: its length and false alarms.
     Raises `LogFormatError`.
     """
-    packets = list(open_log(path))
+    packets = list(TlogReader(path))
     healthy = _watched(packets, settings)
     plan = sorted(
         ((onset_us, case) for case in cases for onset_us in _onsets(healthy, case, onsets)),
@@ -238,7 +238,7 @@ def _try(
     branch = watch.pipeline = pipeline.branch(watch)
     if not packets:
         raise ValueError("no packets after the onset")
-    stream = Stream([case.make((onset_us - packets[0].time_us) * 1e-6, case.lasts_s)], seed=1)
+    stream = FaultChain([case.make((onset_us - packets[0].time_us) * 1e-6, case.lasts_s)], seed=1)
     clock_us = float("nan")
     for packet in packets:
         if np.isnan(clock_us) and packet.time_us >= onset_us:
@@ -259,7 +259,7 @@ def _judged(seen: Seen, case: Case, onset_us: float, healthy: Seen) -> Row:
     wide = seen.sd_m > DOUBT_RATIO * np.interp(seen.now_us, healthy.now_us, healthy.sd_m)
     doubtful = lasts & (wide | (faulty == case.sensor))
     named = onset_us + found.delay_s * 1e6
-    kind = Kind.PRESSURE if case.sensor is Fault.BAROMETER else Kind.GNSS
+    kind = Kind.PRESSURE if case.sensor is FaultySensor.BAROMETER else Kind.GNSS
     after = lasts & (seen.now_us > named)
     return asdict(found) | {
         "detected_s": float(seen.now_us[np.argmax(doubtful)] - onset_us) * 1e-6

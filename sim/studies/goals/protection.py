@@ -15,11 +15,11 @@ from companion.evaluation.compare import SETTLE_S
 from companion.evaluation.detection import false_alarms
 from companion.evaluation.integrity import (
     ALERT_LIMIT_M,
-    EPISODE_S,
+    EXCEEDANCE_APART_S,
     Regions,
+    count_exceedances,
     coverage,
     draw_stanford,
-    episodes,
     poisson_interval,
     protection,
     regions,
@@ -87,10 +87,10 @@ def evaluate(context: Context) -> SectionPage:
     page.text(
         "The protection level is to be exceeded at the integrity risk that is configured "
         "(`integrity_risk_probability`, an hour). An exceedance is an episode: it begins where the absolute error is "
-        f"above the level, and what begins less than {EPISODE_S:g} s after the last sample above it (the correlation "
-        "time of the slow GNSS error) is the same one. The first minute of a flight does not count. Intervals are "
-        "exact 95 % Poisson intervals; a rate is held against the largest count whose interval still contains what is "
-        "allocated, and against a tenth of that where the time flown can tell it from nothing. "
+        f"above the level, and what begins less than {EXCEEDANCE_APART_S:g} s after the last sample above it (the "
+        "correlation time of the slow GNSS error) is the same one. The first minute of a flight does not count. "
+        "Intervals are exact 95 % Poisson intervals; a rate is held against the largest count whose interval still "
+        "contains what is allocated, and against a tenth of that where the time flown can tell it from nothing. "
         f"{' and '.join(WRONG)} have no fault that begins, but a sensor that is wrong by itself, unknown to the "
         "estimator: they are shown, and not counted among the healthy flights."
     )
@@ -174,7 +174,7 @@ def _measure(found: dict[float, tuple[Rows, Array, Array]]) -> Row:
     late = elapsed_s > SETTLE_S
     error, elapsed_s, estimates = error[late], elapsed_s[late], estimates[late]
     normal = np.abs(error / estimates["altitude_sd_m"])
-    row["tail"] = [episodes(elapsed_s[normal > k]) for k in TAIL_SIGMA]
+    row["tail"] = [count_exceedances(elapsed_s[normal > k]) for k in TAIL_SIGMA]
     row["coverage"] = coverage(error, estimates["altitude_sd_m"])
     row["worst"] = float(np.nanmax(normal, initial=0.0))
     row["stanford"] = np.array([np.abs(error), estimates["protection_level_m"]])[:, ::THINNED]

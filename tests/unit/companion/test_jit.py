@@ -103,12 +103,16 @@ def test_only_caches_of_ours_are_ever_deleted(
     for number in range(6):
         (tmp_path / f"companion.made_up-{number:016x}").mkdir()
         (tmp_path / f"companion.other-{number:016x}").mkdir()
+        (tmp_path / f"companion.recent-{number:016x}").mkdir()
+    for path in tmp_path.iterdir():
+        if "recent" not in path.name:
+            os.utime(path, (0, 0))
     monkeypatch.setattr("companion.jit._CACHE", tmp_path)
-    kept = module_directory(PACKAGE / "kernels" / "ring.py", "companion.made_up")
-    assert kept.is_dir()
+    for module in ("companion.made_up", "companion.recent"):
+        assert module_directory(PACKAGE / "kernels" / "ring.py", module).is_dir()
     left = {path.name for path in tmp_path.iterdir()}
     assert precious < left
-    assert len(left) == len(precious) + 6 + KEPT_CACHES
+    assert len(left) == len(precious) + 6 + KEPT_CACHES + 6 + 1
 
 
 @pytest.mark.parametrize(

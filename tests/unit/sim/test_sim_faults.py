@@ -22,7 +22,7 @@ from companion.logs.tlog import TlogReader
 from companion.mavlink.codec import Decoder, decode, mavlink, scan
 from companion.mavlink.framing import Frame
 from companion.samples import Packet
-from sim.faults import FAULTS, Fault, faulty, parse_fault
+from sim.faults import FAULTS, Fault, apply_faults, parse_fault
 from sim.faults.editing import Editor, header, with_sequence
 from sim.flight import Flight
 from sim.scenario import Scenario
@@ -108,8 +108,8 @@ def test_a_fault_makes_good_frames_repeats_and_leaves_the_rest_alone(
     name: str, version: int
 ) -> None:
     packets = stream(version)
-    found = list(faulty(packets, [fault(name)], 7))
-    assert found == list(faulty(packets, [fault(name)], 7))
+    found = list(apply_faults(packets, [fault(name)], 7))
+    assert found == list(apply_faults(packets, [fault(name)], 7))
     assert found != packets
     decoder = Decoder()
     for packet in found:  # stock pymavlink reads them too
@@ -141,23 +141,25 @@ def test_a_fault_makes_good_frames_repeats_and_leaves_the_rest_alone(
 @pytest.mark.parametrize("name", FAULTS)
 def test_only_what_draws_depends_on_the_seed(name: str) -> None:
     draws = {"drop", "duplicate", "reorder", "delay", "spike", "noise", "jamming"}
-    first, second = (list(faulty(STREAM, [fault(name)], seed)) for seed in (1, 2))
+    first, second = (list(apply_faults(STREAM, [fault(name)], seed)) for seed in (1, 2))
     assert (first != second) is (name in draws)
     own = parse_fault(f"{name}:{WINDOW},{PARAMETERS[name]},seed=2")
-    assert list(faulty(STREAM, [own], 1)) == second
+    assert list(apply_faults(STREAM, [own], 1)) == second
 
 
 def test_the_clock_of_the_log_does_not_matter() -> None:
     later = [Packet(packet.time_us + 10**12, packet.data) for packet in STREAM]
     faults = [fault(name) for name in FAULTS]
-    moved = [Packet(packet.time_us - 10**12, packet.data) for packet in faulty(later, faults, 1)]
-    assert moved == list(faulty(STREAM, faults, 1))
+    moved = [
+        Packet(packet.time_us - 10**12, packet.data) for packet in apply_faults(later, faults, 1)
+    ]
+    assert moved == list(apply_faults(STREAM, faults, 1))
 
 
 @pytest.mark.parametrize("name", ["step", "drop", "clock_jump"])
 def test_whose_frames_are_touched_can_be_chosen(name: str) -> None:
     chosen = parse_fault(f"{name}:component=191,{WINDOW},{PARAMETERS[name]}")
-    found = list(faulty(STREAM, [chosen], 1))
+    found = list(apply_faults(STREAM, [chosen], 1))
     assert found != STREAM
     assert [p for p in found if header(p.data).component_id == 1] == [
         p for p in STREAM if header(p.data).component_id == 1
@@ -168,14 +170,14 @@ def test_what_is_no_frame_passes() -> None:
     packets = [
         Packet(time_us, data) for time_us, data in ((0, b""), (1, b"noise"), (2, STREAM[0].data))
     ]
-    assert list(faulty(packets, [fault("step"), fault("reboot")], 1)) == packets
+    assert list(apply_faults(packets, [fault("step"), fault("reboot")], 1)) == packets
 
 
 # One by one: the way
 
 
 def test_drop() -> None:
-    found = list(faulty(STREAM, [fault("drop", "probability=0.3")], 1))
+    found = list(apply_faults(STREAM, [fault("drop", "probability=0.3")], 1))
     assert set(found) <= set(STREAM)
     candidates = [
         packet for packet in STREAM if inside(packet) and header(packet.data).component_id == 1
@@ -183,7 +185,7 @@ def test_drop() -> None:
     lost = len(STREAM) - len(found)
     share = lost / len(candidates)
     assert share == pytest.approx(0.3, abs=5 * math.sqrt(0.21 / len(candidates)))
-    only = list(faulty(STREAM, [fault("drop", "message=GPS_RAW_INT")], 1))
+    only = list(apply_faults(STREAM, [fault("drop", "message=GPS_RAW_INT")], 1))
     assert len(of(STREAM, "GPS_RAW_INT")) - len(of(only, "GPS_RAW_INT")) == pytest.approx(
         5 * DURATION_S, abs=1
     )
@@ -211,7 +213,7 @@ def test_the_truth_shares_the_fate_of_the_frame_before_it() -> None:
         ("reorder", "probability=0.4"),
         ("delay", "message=HEARTBEAT"),
     ):
-        found = list(faulty(packets, [parse_fault(f"{name}:{parameters}")], 3))
+        found = list(apply_faults(packets, [parse_fault(f"{name}:{parameters}")], 3))
         kinds = [header(packet.data).message_id for packet in found]
         sequences = [header(packet.data).sequence for packet in found]
         assert all(kind == (0 if number % 2 == 0 else 108) for number, kind in enumerate(kinds))
@@ -221,17 +223,17 @@ def test_the_truth_shares_the_fate_of_the_frame_before_it() -> None:
 
 
 def test_duplicate() -> None:
-    at_once = list(faulty(STREAM, [fault("duplicate", "probability=0.3")], 1))
+    at_once = list(apply_faults(STREAM, [fault("duplicate", "probability=0.3")], 1))
     twice = [after for before, after in pairwise(at_once) if before == after]
     assert len(twice) == len(at_once) - len(STREAM) > 50
     assert [p for p, q in zip(at_once, [None, *at_once], strict=False) if p != q] == STREAM
-    later = list(faulty(STREAM, [fault("duplicate", "probability=0.3,after_s=0.5")], 1))
+    later = list(apply_faults(STREAM, [fault("duplicate", "probability=0.3,after_s=0.5")], 1))
     assert len(later) == len(at_once)
     assert {(p.time_us + 500_000, p.data) for p in twice} <= set(later)
 
 
 def test_reorder() -> None:
-    found = list(faulty(STREAM, [fault("reorder", "probability=0.3,hold_s=0.15")], 1))
+    found = list(apply_faults(STREAM, [fault("reorder", "probability=0.3,hold_s=0.15")], 1))
     assert sorted(p.data for p in found) == sorted(p.data for p in STREAM)
     assert [p.time_us for p in found] == sorted(p.time_us for p in found)
     moved = set(found) - set(STREAM)
@@ -242,7 +244,7 @@ def test_reorder() -> None:
 
 
 def test_delay_keeps_the_order_and_drains() -> None:
-    found = list(faulty(STREAM, [fault("delay", "delay_s=2,jitter_s=1")], 1))
+    found = list(apply_faults(STREAM, [fault("delay", "delay_s=2,jitter_s=1")], 1))
 
     def vehicle(packets: list[Packet]) -> list[Packet]:
         return [packet for packet in packets if header(packet.data).component_id == 1]
@@ -277,18 +279,22 @@ FIELDS = {
 @pytest.mark.parametrize("quantity", FIELDS)
 def test_step_and_ramp_are_in_si_units(quantity: str) -> None:
     name, field, size = FIELDS[quantity]
-    step = series(faulty(STREAM, [fault("step", f"size=6,quantity={quantity}")], 1), name, field)
+    step = series(
+        apply_faults(STREAM, [fault("step", f"size=6,quantity={quantity}")], 1), name, field
+    )
     healthy = series(STREAM, name, field)
     if quantity == "gnss_speed":  # it stands: vel is 0, which is a value all the same
         return
     assert (step - healthy) * size == pytest.approx(6.0, abs=0.51 * size + 1e-3)
-    ramp = series(faulty(STREAM, [fault("ramp", f"rate=-2,quantity={quantity}")], 1), name, field)
+    ramp = series(
+        apply_faults(STREAM, [fault("ramp", f"rate=-2,quantity={quantity}")], 1), name, field
+    )
     times = np.array([age_s(p) - START_S for p, _ in of(STREAM, name) if inside(p)])
     assert (ramp - healthy) * size == pytest.approx(-2.0 * times, abs=0.51 * size + 1e-3)
 
 
 def test_step_touches_that_quantity_alone_in_every_message_that_has_it() -> None:
-    found = list(faulty(STREAM, [fault("step", "size=100")], 1))
+    found = list(apply_faults(STREAM, [fault("step", "size=100")], 1))
     changed: dict[str, set[str]] = {}
     for before, after in zip(STREAM, found, strict=True):
         assert before.time_us == after.time_us
@@ -301,12 +307,12 @@ def test_step_touches_that_quantity_alone_in_every_message_that_has_it() -> None
 
 
 def test_what_an_integer_cannot_hold_ends_at_its_bound() -> None:
-    found = faulty(STREAM, [fault("step", "size=1e6,quantity=accel_x")], 1)
+    found = apply_faults(STREAM, [fault("step", "size=1e6,quantity=accel_x")], 1)
     assert set(series(found, "RAW_IMU", "xacc")) == {32767.0}
 
 
 def test_spike() -> None:
-    found = list(faulty(STREAM, [fault("spike", "size=500,probability=0.2")], 1))
+    found = list(apply_faults(STREAM, [fault("spike", "size=500,probability=0.2")], 1))
     errors = series(found, "SCALED_PRESSURE", "press_abs") - series(
         STREAM, "SCALED_PRESSURE", "press_abs"
     )
@@ -316,7 +322,7 @@ def test_spike() -> None:
 
 def test_noise_is_white_and_has_its_spread() -> None:
     long = standing(30.0, 1030.0, gps=None, imu=None)
-    noisy = faulty(long, [parse_fault("noise:quantity=pressure,sd=20")], 5)
+    noisy = apply_faults(long, [parse_fault("noise:quantity=pressure,sd=20")], 5)
     errors = np.array([m.press_abs for _, m in of(noisy, "SCALED_PRESSURE")])
     errors = (errors - np.array([m.press_abs for _, m in of(long, "SCALED_PRESSURE")])) * 100.0
     bound = 5.0 / math.sqrt(errors.size)
@@ -327,7 +333,7 @@ def test_noise_is_white_and_has_its_spread() -> None:
 
 def test_freeze_repeats_the_last_reading_under_new_stamps() -> None:
     climbing = standing(30.0, 90.0, pressure=lambda boot_s: pressure(boot_s, 500.0 + 3.0 * boot_s))
-    found = list(faulty(climbing, [fault("freeze", "sensor=barometer")], 1))
+    found = list(apply_faults(climbing, [fault("freeze", "sensor=barometer")], 1))
     before = [m.press_abs for p, m in of(climbing, "SCALED_PRESSURE") if age_s(p) < START_S]
     assert set(series(found, "SCALED_PRESSURE", "press_abs")) == {before[-1]}
     stamps = series(found, "SCALED_PRESSURE", "time_boot_ms")
@@ -351,7 +357,7 @@ def test_freeze_repeats_the_last_reading_under_new_stamps() -> None:
     ],
 )
 def test_swapped_units(swap: str, name: str, field: str, factor: float) -> None:
-    found = series(faulty(STREAM, [fault("swapped_units", f"swap={swap}")], 1), name, field)
+    found = series(apply_faults(STREAM, [fault("swapped_units", f"swap={swap}")], 1), name, field)
     assert found == pytest.approx(series(STREAM, name, field) * factor, rel=1e-5, abs=0.5)
 
 
@@ -365,7 +371,8 @@ def test_a_sealed_static_port_keeps_its_pressure_and_its_noise() -> None:
 
     climbing = standing(30.0, 90.0, pressure=air)
     found = of(
-        faulty(climbing, [fault("blocked_static_port", "", "start_s=20")], 1), "SCALED_PRESSURE"
+        apply_faults(climbing, [fault("blocked_static_port", "", "start_s=20")], 1),
+        "SCALED_PRESSURE",
     )
     outside = [m.press_abs for _, m in of(climbing, "SCALED_PRESSURE")]
     assert outside[-1] - outside[0] < -15.0
@@ -387,7 +394,7 @@ def test_a_leaking_static_port_follows_with_its_time_constant() -> None:
 
     packets = standing(30.0, 90.0, pressure=jump)
     found = of(
-        faulty(packets, [parse_fault("blocked_static_port:start_s=20,leak_s=10")], 1),
+        apply_faults(packets, [parse_fault("blocked_static_port:start_s=20,leak_s=10")], 1),
         "SCALED_PRESSURE",
     )
     values = np.array([m.press_abs for _, m in found])
@@ -404,18 +411,19 @@ def test_a_leaking_static_port_follows_with_its_time_constant() -> None:
 
 
 def test_outage() -> None:
-    found = of(faulty(STREAM, [fault("outage")], 1), "GPS_RAW_INT")
+    found = of(apply_faults(STREAM, [fault("outage")], 1), "GPS_RAW_INT")
     blind = [m for p, m in found if inside(p)]
     assert {(m.fix_type, m.lat, m.alt, m.eph, m.satellites_visible) for m in blind} == {
         (1, 0, 0, 65535, 0)
     }
-    silent = of(faulty(STREAM, [fault("outage", "silent=true")], 1), "GPS_RAW_INT")
+    silent = of(apply_faults(STREAM, [fault("outage", "silent=true")], 1), "GPS_RAW_INT")
     assert [p for p, _ in silent] == [p for p, _ in of(STREAM, "GPS_RAW_INT") if not inside(p)]
 
 
 def test_jamming_comes_blinds_and_goes() -> None:
     found = of(
-        faulty(STREAM, [fault("jamming", "ramp_s=5,noise_m=40,blind_above=0.8")], 1), "GPS_RAW_INT"
+        apply_faults(STREAM, [fault("jamming", "ramp_s=5,noise_m=40,blind_above=0.8")], 1),
+        "GPS_RAW_INT",
     )
     times = np.array([age_s(p) - START_S for p, _ in found])
     fixes = np.array([m.fix_type for _, m in found])
@@ -433,7 +441,8 @@ def test_jamming_comes_blinds_and_goes() -> None:
 
 def test_spoofing_leads_away_with_a_clean_conscience() -> None:
     found = of(
-        faulty(STREAM, [fault("spoofing", "up_mps=2,north_mps=3,limit_s=10")], 1), "GPS_RAW_INT"
+        apply_faults(STREAM, [fault("spoofing", "up_mps=2,north_mps=3,limit_s=10")], 1),
+        "GPS_RAW_INT",
     )
     for packet, fix in found:
         if inside(packet):
@@ -448,7 +457,7 @@ def test_spoofing_leads_away_with_a_clean_conscience() -> None:
 
 
 def test_the_sliding_fix_admits_it() -> None:
-    found = of(faulty(STREAM, [fault("slide", "height_m=700")], 1), "GPS_RAW_INT")
+    found = of(apply_faults(STREAM, [fault("slide", "height_m=700")], 1), "GPS_RAW_INT")
     sliding = [(age_s(p) - START_S, m) for p, m in found if inside(p)]
     for since_s, fix in sliding:
         offset_m = 700.0 * (1.0 - since_s / DURATION_S)
@@ -462,7 +471,7 @@ def test_the_sliding_fix_admits_it() -> None:
 
 @pytest.mark.parametrize("jump_s", [40.0, -7.0])
 def test_clock_jump(jump_s: float) -> None:
-    found = list(faulty(STREAM, [fault("clock_jump", f"jump_s={jump_s}")], 1))
+    found = list(apply_faults(STREAM, [fault("clock_jump", f"jump_s={jump_s}")], 1))
     for before, after in zip(STREAM, found, strict=True):
         if before != after:
             kind, edited = message(before), message(after)
@@ -476,7 +485,7 @@ def test_clock_jump(jump_s: float) -> None:
 def test_reboot_is_silent_and_begins_at_zero() -> None:
     found = [
         p
-        for p in faulty(STREAM, [fault("reboot", "duration_s=4", "start_s=20")], 1)
+        for p in apply_faults(STREAM, [fault("reboot", "duration_s=4", "start_s=20")], 1)
         if header(p.data).component_id == 1
     ]
     after = [packet for packet in found if age_s(packet) >= START_S]
@@ -510,7 +519,7 @@ def test_an_edited_frame_keeps_everything_else() -> None:
 def test_an_edited_signed_frame_is_unsigned() -> None:
     signer = Vehicle(key=b"k" * 32)
     packets = standing(30.0, 60.0, vehicle=signer)
-    found = list(faulty(packets, [parse_fault("step:size=100")], 1))
+    found = list(apply_faults(packets, [parse_fault("step:size=100")], 1))
     for before, after in zip(packets, found, strict=True):
         signed = bool(after.data[2] & 1)
         assert signed is (before == after)
@@ -623,7 +632,9 @@ def test_every_fault_works_on_recorded_logs(log: str) -> None:
     for name in FAULTS:
         decoder = Decoder()
         found = list(
-            faulty(packets, [parse_fault(f"{name}:start_s=5,duration_s=20,{PARAMETERS[name]}")], 1)
+            apply_faults(
+                packets, [parse_fault(f"{name}:start_s=5,duration_s=20,{PARAMETERS[name]}")], 1
+            )
         )
         assert found
         for packet in found:
@@ -677,7 +688,7 @@ def test_a_mistake_in_a_scenario_is_one_line() -> None:
 
 def test_step_of_pressure_altitude_is_metres_of_the_standard_atmosphere() -> None:
     name, field = "SCALED_PRESSURE", "press_abs"
-    step = faulty(STREAM, [fault("step", "size=40,quantity=pressure_altitude")], 1)
+    step = apply_faults(STREAM, [fault("step", "size=40,quantity=pressure_altitude")], 1)
     right, wrong = (100.0 * series(packets, name, field) for packets in (STREAM, step))
     apart = [
         pressure_altitude_m(w) - pressure_altitude_m(r) for r, w in zip(right, wrong, strict=True)
@@ -686,7 +697,7 @@ def test_step_of_pressure_altitude_is_metres_of_the_standard_atmosphere() -> Non
 
 
 def test_swing_begins_at_what_is_right() -> None:
-    swing = faulty(STREAM, [fault("swing", "size=4,period_s=4,quantity=gnss_height")], 1)
+    swing = apply_faults(STREAM, [fault("swing", "size=4,period_s=4,quantity=gnss_height")], 1)
     wrong = series(swing, "GPS_RAW_INT", "alt") - series(STREAM, "GPS_RAW_INT", "alt")
     assert abs(wrong[0]) < 1500.0
     assert (wrong.min(), wrong.max()) == pytest.approx((-4000.0, 4000.0), abs=700.0)
@@ -696,12 +707,16 @@ def test_lag_says_what_was_read_before() -> None:
     """At 5 Hz half a second ago is between the second and the third reading before: the older one
     counts."""
     sound = series(STREAM, "SCALED_PRESSURE", "press_abs")
-    lag = series(faulty(STREAM, [fault("lag", "lag_s=0.5")], 1), "SCALED_PRESSURE", "press_abs")
+    lag = series(
+        apply_faults(STREAM, [fault("lag", "lag_s=0.5")], 1), "SCALED_PRESSURE", "press_abs"
+    )
     np.testing.assert_array_equal(lag[3:], sound[:-3])
 
 
 def test_three_satellites_hold_the_height() -> None:
-    flying = [gps for _, gps in of(faulty(STREAM, [fault("two_dimensional")], 1), "GPS_RAW_INT")]
+    flying = [
+        gps for _, gps in of(apply_faults(STREAM, [fault("two_dimensional")], 1), "GPS_RAW_INT")
+    ]
     flat = [gps for gps in flying if gps.fix_type == 2]
     assert flat
     assert {gps.satellites_visible for gps in flat} == {3}

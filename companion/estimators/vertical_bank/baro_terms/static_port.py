@@ -4,7 +4,7 @@ As height that is k_q V^2 / (2 g), with V true airspeed. Prior: 0 +- `port_sd_ra
 found on four light aircraft, reading high). Off: `port_sd_ratio` 0.
 
 Where only ground speed is known, wind of `wind_sd_mps` (5 m/s) makes an error of k_q V w / g, which
-changes as the vehicle turns; without any speed for a while, w is V. It adds to the fast error.
+changes as the vehicle turns; since no speed is heard, w grows, to V at most. It adds to the fast error.
 """
 
 import math

@@ -14,7 +14,7 @@ from companion.estimators.robust_altimeter import altimeters as integrated_altim
 from companion.estimators.robust_altimeter import error_model as paper
 from companion.estimators.robust_altimeter import isolation as pair
 from companion.estimators.robust_altimeter.steps import METHOD, RobustAltimeterSettings
-from companion.samples import Fault, Kind, Rows, SampleLog, Verdict, sample
+from companion.samples import FaultySensor, Kind, Rows, SampleLog, Verdict, sample
 from tests.flights import Flight, Plan, flight
 
 Array = NDArray[np.float64]
@@ -249,7 +249,7 @@ def test_a_fault_is_isolated_and_forgotten(gain: str, kind: Kind, step_m: float)
     baro = kind is Kind.PRESSURE
     assert half.state["trust"][0] == (pair.TRUST_IIG if baro else pair.TRUST_IBI)
     last = half.estimates[-1]
-    assert last["faulty"] == (Fault.BAROMETER if baro else Fault.GNSS)
+    assert last["faulty"] == (FaultySensor.BAROMETER if baro else FaultySensor.GNSS)
     assert 0.0 < half.made.elapsed_s(last["faulty_since_us"]) - FAULT_S[0] < 25.0
     result = run(damaged, gain=gain)
     assert result.state["trust"][0] == pair.TRUST_IBIG

@@ -9,9 +9,9 @@ import pytest
 from scipy import stats
 
 from companion.evaluation.integrity import (
-    EPISODE_S,
+    EXCEEDANCE_APART_S,
+    count_exceedances,
     coverage,
-    episodes,
     plot_stanford,
     poisson_interval,
     protection,
@@ -47,11 +47,14 @@ def test_coverage_leaves_unknown_pairs_out() -> None:
     assert math.isnan(coverage(np.zeros(0), np.zeros(0)).nees)
 
 
-def test_what_is_close_together_is_one_episode() -> None:
-    assert episodes(np.zeros(0)) == 0
-    assert episodes(np.array([5.0])) == 1
-    assert episodes(np.array([5.0, 6.0, 7.0, 7.0 + 0.9 * EPISODE_S])) == 1
-    assert episodes(np.array([5.0, 5.0 + EPISODE_S, 5.0 + 2.0 * EPISODE_S])) == 3
+def test_what_is_close_together_is_one_exceedance() -> None:
+    assert count_exceedances(np.zeros(0)) == 0
+    assert count_exceedances(np.array([5.0])) == 1
+    assert count_exceedances(np.array([5.0, 6.0, 7.0, 7.0 + 0.9 * EXCEEDANCE_APART_S])) == 1
+    assert (
+        count_exceedances(np.array([5.0, 5.0 + EXCEEDANCE_APART_S, 5.0 + 2.0 * EXCEEDANCE_APART_S]))
+        == 3
+    )
 
 
 def test_exceedances_of_an_hour() -> None:

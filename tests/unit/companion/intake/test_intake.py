@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.intake import Cause, Clockwork, Intake, IntakeSettings, VehicleClock
+from companion.intake import Clockwork, Intake, IntakeSettings, SampleReject, VehicleClock
 from companion.intake.vehicle_clock import WRAP_MS
 from companion.mavlink import convert
 from companion.mavlink.convert import Reading, TimeBase
@@ -334,7 +334,7 @@ class TestRows:
         assert self.take(intake, self.converted(vehicle.gps(5.0)), GPS) == (None, None)
         self.take(intake, boot(100.0))
         assert self.take(intake, boot(4.0)) == (None, None)
-        assert intake.counters == {Cause.NO_CLOCK: 2, Cause.CLOCK: 1}
+        assert intake.counters == {SampleReject.NO_CLOCK: 2, SampleReject.CLOCK: 1}
 
     def test_a_reboot_comes_with_the_sample_that_proves_it(self) -> None:
         intake = Intake(IntakeSettings())

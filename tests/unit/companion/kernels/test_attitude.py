@@ -13,7 +13,7 @@ from companion.kernels import attitude as att
 from companion.kernels.earth import gravity_mps2
 from companion.samples import Kind, Rows, readable, rows, sample
 
-STATE = state_dtype(*att.attitude_fields())
+STATE = state_dtype(("attitude", att.ATTITUDE_STATE))
 LATITUDE_DEG, HEIGHT_M = 47.0, 500.0
 G_MPS2 = gravity_mps2(LATITUDE_DEG, HEIGHT_M)
 Vector = NDArray[np.float64]
@@ -66,8 +66,9 @@ def fly(
     """Run the component; returns its state and rows of (time, roll, pitch, up acceleration)."""
     if state is None:
         state = rows(STATE)
-        att.attitude_start(state)
+        att.attitude_start(state[0]["attitude"])
         state = readable(state)
+    attitude = state[0]["attitude"]
     rng = np.random.default_rng(seed)
     out = []
     for k in range(round(seconds * rate_hz)):
@@ -84,15 +85,20 @@ def fly(
                 Kind.GNSS, time_us - 120_000, latitude_deg=LATITUDE_DEG, altitude_amsl_m=HEIGHT_M,
                 ground_speed_mps=abs(noisy), course_rad=then.course_rad % math.tau, fix_type=3,
             )  # fmt: skip
-            att.attitude_gnss(state, fix)
-        att.attitude_imu(state, row)
+            att.attitude_gnss(attitude, fix)
+        att.attitude_imu(attitude, row)
         if vehicle is not None and k % 10 == 0:
             roll, pitch = vehicle(t)
             att.attitude_vehicle(
-                state, sample(Kind.ATTITUDE, time_us, roll_rad=roll, pitch_rad=pitch)
+                attitude, sample(Kind.ATTITUDE, time_us, roll_rad=roll, pitch_rad=pitch)
             )
         out.append(
-            (t, att.roll_rad(state), att.pitch_rad(state), att.up_acceleration_mps2(state, row))
+            (
+                t,
+                att.roll_rad(state[0]["attitude"]),
+                att.pitch_rad(state[0]["attitude"]),
+                att.up_acceleration_mps2(state[0]["attitude"], row),
+            )
         )
     return state, np.array(out)
 
@@ -121,7 +127,7 @@ def turn(t: float) -> Instant:
 def test_unknown_before_a_second_of_samples() -> None:
     state, out = fly(still(), 1.0)
     assert np.isnan(out[:, 1:]).all()
-    assert not att.up_is_known(state)
+    assert not att.up_is_known(state[0]["attitude"])
 
 
 @pytest.mark.parametrize(
@@ -139,7 +145,7 @@ def test_gyro_bias_is_learned_at_rest() -> None:
     bias = (0.02, -0.03, 0.01)
     state, out = fly(still(), 60.0, rate_bias=bias)
     assert tilt_deg(out[80:], still()).max() < 0.6
-    assert state["attitude_bias_b_radps"][0][:2] == pytest.approx(bias[:2], abs=2e-3)
+    assert state["attitude"]["own"]["bias_b_radps"][0][:2] == pytest.approx(bias[:2], abs=2e-3)
 
 
 def test_gyro_bias_that_appears_in_flight_is_learned() -> None:
@@ -169,7 +175,7 @@ def test_a_steady_pitch_rate_is_not_taken_for_gyro_bias_before_gnss_says_that_it
 
     state, out = fly(glide, 3.0, rate_bias=(0.0, 0.01, 0.0), gnss=False)
     assert np.isnan(out[:, 1]).all()
-    assert state["attitude_bias_b_radps"][0][1] == 0.0
+    assert state["attitude"]["own"]["bias_b_radps"][0][1] == 0.0
 
 
 def test_without_gnss_what_is_quiet_rests_after_all() -> None:
@@ -186,7 +192,7 @@ def test_vibration_does_not_weaken_gravity() -> None:
         return Instant(along_mps2=15.0 * rng.standard_normal())
 
     state, _ = fly(shaken, 180.0, rate_bias=(0.0, 0.02, 0.0), gnss=False)
-    assert state["attitude_bias_b_radps"][0][1] == pytest.approx(0.02, abs=0.004)
+    assert state["attitude"]["own"]["bias_b_radps"][0][1] == pytest.approx(0.02, abs=0.004)
 
 
 def test_a_speed_from_before_a_gap_says_nothing_about_rest() -> None:
@@ -196,8 +202,8 @@ def test_a_speed_from_before_a_gap_says_nothing_about_rest() -> None:
         return Instant(speed_mps=30.0, course_rad=0.05 * t, course_rate_radps=0.05)
 
     state, _ = fly(gentle, 1.5, start_s=120.0, state=state, gnss=False)
-    assert math.isnan(state["attitude_up_b"][0][0])
-    assert abs(state["attitude_bias_b_radps"][0][2]) < 0.01
+    assert math.isnan(state["attitude"]["own"]["up_b"][0][0])
+    assert abs(state["attitude"]["own"]["bias_b_radps"][0][2]) < 0.01
 
 
 def test_takeoff_run_is_not_taken_for_pitch() -> None:
@@ -230,7 +236,9 @@ def test_aligned_in_a_turn() -> None:
     assert tilt_deg(out[80:100], turn).min() > 25.0, (
         "without GNSS a turn cannot be seen from inside"
     )
-    assert att.tilt_sd_rad(blind) > 0.25 > att.tilt_sd_rad(state), "and that is said"
+    assert att.tilt_sd_rad(blind[0]["attitude"]) > 0.25 > att.tilt_sd_rad(state[0]["attitude"]), (
+        "and that is said"
+    )
 
 
 def test_vertical_acceleration() -> None:
@@ -246,10 +254,12 @@ def test_vertical_acceleration() -> None:
 
 def test_gravity_is_that_of_the_place() -> None:
     state = rows(STATE)
-    att.attitude_start(state)
-    assert state["attitude_gravity_mps2"][0] == pytest.approx(9.8062, abs=1e-4)
-    att.attitude_gnss(state, sample(Kind.GNSS, 0, latitude_deg=0.0, altitude_amsl_m=5000.0))
-    assert state["attitude_gravity_mps2"][0] == pytest.approx(9.7803 - 0.0154, abs=1e-4)
+    att.attitude_start(state[0]["attitude"])
+    assert state["attitude"]["own"]["gravity_mps2"][0] == pytest.approx(9.8062, abs=1e-4)
+    att.attitude_gnss(
+        state[0]["attitude"], sample(Kind.GNSS, 0, latitude_deg=0.0, altitude_amsl_m=5000.0)
+    )
+    assert state["attitude"]["own"]["gravity_mps2"][0] == pytest.approx(9.7803 - 0.0154, abs=1e-4)
 
 
 def test_the_vehicles_attitude_is_used_while_it_agrees() -> None:
@@ -268,9 +278,9 @@ def test_a_wrong_attitude_of_the_vehicle_is_found_out() -> None:
     roll_deg = np.degrees(out[:, 1])
     assert roll_deg[21 * 50] > 20.0, "for three seconds it may have been a manoeuvre"
     assert abs(roll_deg[24 * 50 :]).max() < 1.0
-    assert state["attitude_vehicle_trusted"][0] == 0
+    assert state["attitude"]["vehicle_trusted"][0] == 0
     state, out = fly(still(), 40.0, start_s=40.0, vehicle=vehicle, state=state)
-    assert state["attitude_vehicle_trusted"][0] == 1
+    assert state["attitude"]["vehicle_trusted"][0] == 1
 
 
 def test_a_silent_vehicle_leaves_our_own() -> None:
@@ -288,8 +298,8 @@ def test_a_silent_vehicle_leaves_our_own() -> None:
 )
 def test_imu_rate(rate_hz: float, integrable: int) -> None:
     state, out = fly(still(), max(3.0, 12.0 / rate_hz), rate_hz=rate_hz)
-    assert att.imu_can_be_integrated(state) == bool(integrable)
-    assert state["attitude_interval_s"][0] == pytest.approx(1.0 / rate_hz, rel=1e-6)
+    assert att.imu_can_be_integrated(state[0]["attitude"]) == bool(integrable)
+    assert state["attitude"]["interval_s"][0] == pytest.approx(1.0 / rate_hz, rel=1e-6)
     assert np.isfinite(out[-1, 1]) == bool(integrable)
 
 
@@ -297,22 +307,22 @@ def test_imu_rate_has_hysteresis() -> None:
     """9 Hz is good enough to go on with, not to start with."""
     state, _ = fly(still(), 5.0, rate_hz=20.0, gnss=False)
     state, _ = fly(still(), 10.0, start_s=5.0, rate_hz=9.0, gnss=False, state=state)
-    assert att.imu_can_be_integrated(state)
+    assert att.imu_can_be_integrated(state[0]["attitude"])
     state, _ = fly(still(), 10.0, start_s=15.0, rate_hz=4.0, gnss=False, state=state)
-    assert not att.imu_can_be_integrated(state)
-    assert not att.up_is_known(state)
+    assert not att.imu_can_be_integrated(state[0]["attitude"])
+    assert not att.up_is_known(state[0]["attitude"])
     state, _ = fly(still(), 10.0, start_s=25.0, rate_hz=9.0, gnss=False, state=state)
-    assert not att.imu_can_be_integrated(state)
+    assert not att.imu_can_be_integrated(state[0]["attitude"])
     state, _ = fly(still(), 10.0, start_s=35.0, rate_hz=10.0, gnss=False, state=state)
-    assert att.imu_can_be_integrated(state)
+    assert att.imu_can_be_integrated(state[0]["attitude"])
 
 
 def test_a_gap_begins_the_alignment_again_and_keeps_the_bias() -> None:
     state, _ = fly(still(), 30.0, rate_bias=(0.02, 0.0, 0.0))
-    bias = state["attitude_bias_b_radps"][0].copy()
+    bias = state["attitude"]["own"]["bias_b_radps"][0].copy()
     state, out = fly(still(0.3), 0.5, start_s=90.0, rate_bias=(0.02, 0.0, 0.0), state=state)
     assert np.isnan(out[:, 1]).all()
-    assert (state["attitude_bias_b_radps"][0] == bias).all()
+    assert (state["attitude"]["own"]["bias_b_radps"][0] == bias).all()
     state, out = fly(still(0.3), 10.0, start_s=90.5, rate_bias=(0.02, 0.0, 0.0), state=state)
     assert tilt_deg(out[80:], still(0.3)).max() < 0.5
 
@@ -321,5 +331,6 @@ def test_deterministic_and_free_of_the_epoch() -> None:
     """The same flight an hour later on the vehicle's clock."""
     one, _ = fly(turn, 5.0)
     other, _ = fly(lambda t: turn(t - 3600.0), 5.0, start_s=3600.0)
-    for name in ("attitude_up_b", "attitude_bias_b_radps", "attitude_tilt_var"):
-        assert one[name] == pytest.approx(other[name], abs=1e-9)
+    for name in ("up_b", "bias_b_radps", "tilt_var"):
+        ours, theirs = one["attitude"]["own"][name], other["attitude"]["own"][name]
+        assert ours == pytest.approx(theirs, abs=1e-9)

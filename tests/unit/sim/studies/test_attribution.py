@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from companion.pipeline import Pipeline
-from companion.samples import Fault, Kind, Packet, Verdict
+from companion.samples import FaultySensor, Kind, Packet, Verdict
 from companion.settings import CompanionSettings
 from sim.studies.goals.attribution import CASES, Seen, Watch, _judged, try_faults
 from tests.vehicle import standing
@@ -52,7 +52,7 @@ def seen(faulty: list[int], sd_m: list[float], verdicts: list[Verdict]) -> Seen:
 
 def test_a_case_is_judged_by_what_was_said() -> None:
     case = next(case for case in CASES if case.name == "GNSS +30 m")
-    gnss, used, gated = int(Fault.GNSS), Verdict.USED, Verdict.GATED
+    gnss, used, gated = int(FaultySensor.GNSS), Verdict.USED, Verdict.GATED
     healthy = seen([0] * 9, [2.0] * 9, [used] * 9)
     row = _judged(
         seen(

@@ -3,10 +3,10 @@
 from collections.abc import Callable, Sequence
 
 from companion.samples import Packet
-from sim.faults import Fault, Stream
+from sim.faults import Fault, FaultChain
 
 
-class Way:
+class FaultInjector:
     """Stands in for a port's delivery: takes frames, hands packets with the time of their arrival
     on."""
 
@@ -17,7 +17,7 @@ class Way:
         now_us: Callable[[], int],
         deliver: Callable[[Packet], bool],
     ) -> None:
-        self._stream = Stream(faults, seed)
+        self._stream = FaultChain(faults, seed)
         self._now_us = now_us
         self._deliver = deliver
 

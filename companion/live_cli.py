@@ -1,0 +1,207 @@
+"""The command ``kollsman run``. What it prints goes through `output`, which never blocks or raises."""
+
+import dataclasses
+import json
+import logging
+import math
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from companion.common_cli import (
+    ConfigOption,
+    EstimatorOption,
+    SetOption,
+    resolve_settings,
+    say_if_compiling,
+)
+from companion.output import Output, set_up_logging, timestamp
+
+if TYPE_CHECKING:
+    from companion.service import Service, Status
+    from companion.settings import CompanionSettings
+
+RUN_EXAMPLES = """\b
+Examples:
+  SITL or a router that sends to us:        kollsman run udpin:0.0.0.0:14550
+  ArduPilot SITL:                           kollsman run tcp:127.0.0.1:5762
+  A Pixhawk on a Raspberry Pi's UART:       kollsman run /dev/ttyAMA0:921600
+  A Pixhawk on USB, recorded:               kollsman run /dev/ttyACM0 --record flights/
+"""
+
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+def run(
+    link: Annotated[
+        str,
+        typer.Argument(
+            help="Where the autopilot is; `kollsman links` lists the forms.",
+            envvar="KOLLSMAN_LINK",
+        ),
+    ],
+    *,
+    estimator: EstimatorOption = None,
+    config: ConfigOption = None,
+    changes: SetOption = None,
+    record: Annotated[
+        str | None,
+        typer.Option(
+            help="Record every frame heard and sent: a folder (one dated file a session), a file, "
+            "or a strftime pattern. An existing file is never overwritten.",
+            metavar="DIR",
+            envvar="KOLLSMAN_RECORD",
+        ),
+    ] = None,
+    system_id: Annotated[
+        int | None, typer.Option(min=1, max=255, help="Our system id; default: the vehicle's.")
+    ] = None,
+    component_id: Annotated[
+        int | None, typer.Option(min=1, max=255, help="Our component id (default 191).")
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Status and log lines as JSON objects.")
+    ] = False,
+) -> None:
+    """Serve a vehicle: read its sensors, send back ALTITUDE and the DEBUG family, until Ctrl-C."""
+    started_s = time.perf_counter()
+    if as_json:
+        set_up_logging(logging.getLogger().level, as_json=True)
+    settings = resolve_settings(config, estimator, changes)
+    say_if_compiling(settings.estimator)
+    settings = _with_options(settings, record, system_id, component_id)
+
+    from companion.clock import SystemClock
+    from companion.links import open_link
+    from companion.recording import Recording
+    from companion.service import Service
+    from companion.warmup import warm_up
+
+    clock, output = SystemClock(), Output()
+    with ExitStack() as stack, _stop_signals() as stopped:
+        opened = open_link(link, clock)
+        stack.callback(opened.close)
+        path = settings.record.path
+        recorder = stack.enter_context(Recording(path, settings.record)) if path else None
+        warm_up(settings)
+        service = Service(opened, settings, clock, recorder=recorder)
+        lines = StatusLine(service, output, as_json=as_json)
+        lines.ready(time.perf_counter() - started_s)
+        service.run(lambda: bool(stopped), lines.show)
+        stack.close()
+        lines.stopped(recorder)
+
+
+def _with_options(
+    settings: "CompanionSettings",
+    record: str | None,
+    system_id: int | None,
+    component_id: int | None,
+) -> "CompanionSettings":
+    ids = {"system_id": system_id, "component_id": component_id}
+    given = {key: value for key, value in ids.items() if value is not None}
+    changes = {"identity": settings.identity.model_dump() | given}
+    if record is not None:
+        changes["record"] = settings.record.model_dump() | {"path": record}
+    return settings.with_changes(**changes)
+
+
+class StatusLine:
+    """One line that is rewritten on a terminal; elsewhere a line a minute and at each change of
+    health. As JSON each is an object with ``event``: ready, status, stopped."""
+
+    PLAIN_PERIOD_S = 60.0
+
+    def __init__(self, service: "Service", output: Output, *, as_json: bool = False) -> None:
+        self._service = service
+        self._output = output
+        self._json = as_json
+        self._terminal = output.is_terminal and not as_json
+        self._last: tuple[Any, float] = (None, 0.0)
+
+    def ready(self, elapsed_s: float) -> None:
+        """The service is about to start."""
+        estimator, url = self._service.settings.estimator, self._service.link.url
+        if self._json:
+            self._object("ready", start_s=round(elapsed_s, 1), estimator=estimator, link=url)
+        else:
+            self._output.line(f"ready in {elapsed_s:.1f} s: {estimator} on {url}; Ctrl-C stops")
+
+    def show(self, status: "Status") -> None:
+        """The service goes on."""
+        if self._terminal:
+            self._output.write(f"\r\x1b[2K{format_status(status)}")
+            return
+        health, when_s = self._last
+        now_s = time.monotonic()
+        if health == status.health and now_s - when_s < self.PLAIN_PERIOD_S:
+            return
+        self._last = (status.health, now_s)
+        if self._json:
+            self._object("status", **dataclasses.asdict(status) | {"health": status.health.name})
+        else:
+            self._output.line(format_status(status))
+
+    def stopped(self, recorder: Any) -> None:
+        """The service has ended."""
+        paths = [str(path) for path in recorder.paths] if recorder is not None else []
+        if self._json:
+            self._object("stopped", summary=self._service.summary(), recorded=paths)
+            return
+        start = "\n" if self._terminal else ""
+        self._output.line(f"{start}stopped: {self._service.summary()}")
+        for path in paths:
+            self._output.line(f"recorded {path}")
+
+    def _object(self, event: str, **fields: Any) -> None:
+        head = {"time": timestamp(time.time()), "event": event}
+        self._output.line(json.dumps(head | _finite(fields), ensure_ascii=False, default=str))
+
+
+def _finite(value: Any) -> Any:
+    """`value` with None for what JSON cannot hold."""
+    if isinstance(value, dict):
+        return {key: _finite(inner) for key, inner in value.items()}
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def format_status(status: "Status") -> str:
+    """`status` as one readable line."""
+    if status.altitude_amsl_m == status.altitude_amsl_m:
+        altitude = f"{status.altitude_amsl_m:8.1f} m  sd {status.altitude_sd_m:4.1f}  {status.climb_mps:+5.1f} m/s"
+    else:
+        altitude = "no altitude"
+    shown = ("pressure", "gnss", "imu", "altitude")
+    rates = "  ".join(f"{name} {status.rates_hz.get(name, 0.0):.0f}" for name in shown)
+    return f"{status.health.name:8s} {altitude} | Hz: {rates} | {status.vehicle} | {status.link} | {status.reason}"
+
+
+@contextmanager
+def _stop_signals() -> Iterator[list[int]]:
+    """SIGINT, SIGTERM and SIGHUP ask for a clean stop; a second SIGINT is an ordinary interrupt.
+
+    A signal that was ignored at the start (SIGHUP under nohup) stays ignored.
+    """
+    received: list[int] = []
+
+    def stop(number: int, _frame: object) -> None:
+        if number == signal.SIGINT and number in received:
+            raise KeyboardInterrupt
+        received.append(number)
+
+    before = {
+        number: signal.signal(number, stop)
+        for number in STOP_SIGNALS
+        if signal.getsignal(number) is not signal.SIG_IGN
+    }
+    try:
+        yield received
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

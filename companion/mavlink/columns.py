@@ -1,0 +1,79 @@
+"""Payloads of a message kind as typed columns, and as light messages with the same attributes.
+
+The layouts are made at run time from pymavlink's dialect table, never written down here. Only kinds
+whose fields are all single numbers have columns; texts and arrays are decoded one at a time by
+`companion.mavlink.codec.decode`. A light message is a named tuple of the fields' values as
+pymavlink decodes them: zeros that MAVLink 2 left out and missing extension fields are 0.
+"""
+
+from collections import namedtuple
+from collections.abc import Callable, Iterator
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.mavlink.codec import Message, mavlink
+from companion.mavlink.framing import CRC_EXTRA, CRC_TABLE, V1_LENGTHS
+from companion.mavlink.record_scan import gather
+from companion.samples import Rows
+
+CODES = {
+    "b": "i1", "B": "u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4", "q": "<i8", "Q": "<u8",
+    "f": "<f4", "d": "<f8",
+}  # fmt: skip
+"""code of the struct module -> dtype"""
+
+
+class Layout(NamedTuple):
+    """How the payload of one kind lies on the wire."""
+
+    dtype: np.dtype[Any]
+    make: Callable[[tuple[Any, ...]], Message]
+
+
+@cache
+def layout(message_id: int) -> Layout | None:
+    """The layout of a kind, or None when it has texts, arrays or an id that is not known."""
+    kind = mavlink.mavlink_map.get(message_id)
+    if kind is None or max(kind.lengths) != 1 or "char" in kind.fieldtypes:
+        return None
+    names, codes = kind.ordered_fieldnames, kind.native_format.decode().lstrip("<")
+    dtype = np.dtype([(name, CODES[code]) for name, code in zip(names, codes, strict=True)])
+    light: Any = namedtuple(kind.msgname, names)  # type: ignore[misc]
+    return Layout(dtype, light._make)
+
+
+def columns(data: NDArray[np.uint8], index: Rows, message_id: int) -> NDArray[Any]:
+    """The payloads of frames of one kind, shape (n,), a structured array with the fields' names.
+
+    `index` are rows of `record_scan.INDEX` of that kind, `data` the buffer they point into. Raises
+    `KeyError` for a kind without a layout.
+    """
+    found = layout(message_id)
+    if found is None:
+        raise KeyError(f"message {message_id} has fields that are not single numbers")
+    table = np.empty((index.size, found.dtype.itemsize), np.uint8)
+    gather(data, index["payload"], index["length"], table)
+    return table.view(found.dtype)[:, 0]
+
+
+def messages(data: NDArray[np.uint8], index: Rows, message_id: int) -> Iterator[Message]:
+    """The frames of one kind as light messages; arguments as for `columns`."""
+    found = layout(message_id)
+    if found is None:
+        return iter(())
+    return map(found.make, columns(data, index, message_id).tolist())
+
+
+@cache
+def tables() -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """What `record_scan.scan_records` needs: the checksum's table, CRC_EXTRA and MAVLink 1 lengths
+    by id."""
+    extras = np.full(max(CRC_EXTRA) + 1, -1, np.int64)
+    lengths = np.zeros((extras.size, 2), np.int64)
+    for message_id, extra in CRC_EXTRA.items():
+        extras[message_id] = extra
+        lengths[message_id] = V1_LENGTHS[message_id].start, V1_LENGTHS[message_id].stop - 1
+    return np.array(CRC_TABLE, np.int64), extras, lengths

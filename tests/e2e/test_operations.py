@@ -1,0 +1,129 @@
+"""`kollsman run` as a service: outputs that fail, signals, interruptions, recordings. Real processes
+and sockets."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from companion.logs.tlog import TlogReader
+from tests.live import Companion, LiveVehicle, flying, free_port, until
+from tests.paths import ROOT
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def port() -> int:
+    return free_port()
+
+
+@pytest.fixture
+def vehicle(port: int) -> Iterator[LiveVehicle]:
+    with flying(port) as made:
+        yield made
+
+
+def altitudes(vehicle: LiveVehicle, since: float = 0.0) -> int:
+    return len(vehicle.messages("ALTITUDE", since))
+
+
+def command(port: int) -> list[str]:
+    return [sys.executable, "-m", "companion.cli", "run", f"udpin:127.0.0.1:{port}"]
+
+
+@pytest.mark.parametrize(
+    "shell",
+    ["{run} > /dev/full", "{run} | head -n 1", "{run} <&- >&- 2>&-", "{run} | sleep 1000"],
+    ids=["full disk", "reader gone", "closed", "reader stopped"],
+)
+def test_output_never_ends_the_service(port: int, vehicle: LiveVehicle, shell: str) -> None:
+    process = subprocess.Popen(
+        ["bash", "-c", shell.format(run=" ".join(command(port)))],
+        cwd=ROOT,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    try:
+        until(lambda: altitudes(vehicle) > 20, 120)
+        since = time.monotonic()
+        until(lambda: altitudes(vehicle, since) > 30, 10)
+    finally:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+
+
+def test_hang_up_stops_cleanly_and_the_recording_is_whole(
+    port: int, vehicle: LiveVehicle, tmp_path: Path
+) -> None:
+    with Companion(f"udpin:127.0.0.1:{port}", "--record", str(tmp_path)) as companion:
+        until(lambda: altitudes(vehicle) > 20)
+        assert companion.stop(signal.SIGHUP) == 0
+    assert any(line.startswith("stopped:") for line in companion.lines)
+    (path,) = tmp_path.iterdir()
+    reader = TlogReader(path)
+    assert sum(1 for _ in reader) > 100
+    assert not +reader.counters
+
+
+def test_an_interruption_is_not_followed_by_a_burst(port: int, vehicle: LiveVehicle) -> None:
+    """Stopped for five seconds: what arrived in the meantime gives no altitudes."""
+    with Companion(f"udpin:127.0.0.1:{port}") as companion:
+        until(lambda: altitudes(vehicle) > 20)
+        companion.process.send_signal(signal.SIGSTOP)
+        time.sleep(5.0)
+        since = time.monotonic()
+        companion.process.send_signal(signal.SIGCONT)
+        time.sleep(1.0)
+        burst = [when for when in vehicle.times("ALTITUDE", since) if when < since + 0.5]
+        until(lambda: altitudes(vehicle, since) > 15, 6)
+        companion.stop()
+    assert len(burst) <= 11  # 10 Hz: half a second old at most, and half a second since
+    assert "outdated not sent" in companion.lines[-1]
+
+
+def test_json_lines(port: int, vehicle: LiveVehicle) -> None:
+    with Companion(f"udpin:127.0.0.1:{port}", "--json") as companion:
+        until(lambda: altitudes(vehicle) > 20)
+        companion.stop()
+    lines = [json.loads(line) for line in companion.lines]
+    events = [line["event"] for line in lines if "event" in line]
+    assert events[0] == "ready"
+    assert events[-1] == "stopped"
+    assert {"OK"} <= {line.get("health") for line in lines}
+    assert all("message" in line for line in lines if "event" not in line)
+
+
+def test_configuration_and_link_come_from_the_environment(
+    port: int, vehicle: LiveVehicle, tmp_path: Path
+) -> None:
+    folder = tmp_path / "kollsman"
+    folder.mkdir()
+    (folder / "companion.yaml").write_text("publish: {altitude_hz: 2, debug: false}\n")
+    environment = {
+        "XDG_CONFIG_HOME": str(tmp_path),
+        "KOLLSMAN_LINK": f"udpin:127.0.0.1:{port}",
+        "KOLLSMAN_IDENTITY__COMPONENT_ID": "194",
+    }
+    with Companion(environment=environment):
+        until(lambda: altitudes(vehicle) > 6)
+    stamps = [message.time_usec for message in vehicle.messages("ALTITUDE")]
+    assert min(b - a for a, b in pairwise(stamps)) > 400_000
+    assert vehicle.messages("ALTITUDE")[0].get_srcComponent() == 194
+    assert not vehicle.messages("DEBUG")
+
+
+def test_socket_is_free_after_a_kill(port: int) -> None:
+    companion = Companion(f"udpin:127.0.0.1:{port}")
+    companion.wait_ready()
+    companion.stop(signal.SIGKILL)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as again:
+        again.bind(("127.0.0.1", port))

@@ -13,7 +13,7 @@ from serial.tools import list_ports
 from companion.clock import Clock
 from companion.errors import LinkError
 from companion.links.stream import ByteStream, StreamLink
-from companion.links.urls import Endpoint
+from companion.links.urls import Endpoint, is_usb
 
 try:
     import termios
@@ -21,6 +21,10 @@ except ImportError as error:
     raise LinkError(
         "serial links need Linux or macOS; on Windows use udpin:, tcp: or WSL"
     ) from error
+
+
+BITS_PER_BYTE = 10
+"""with start and stop bit"""
 
 
 class _Port:
@@ -59,6 +63,8 @@ class SerialLink(StreamLink):
     def __init__(self, endpoint: Endpoint, clock: Clock) -> None:
         super().__init__(str(endpoint), clock)
         self._endpoint = endpoint
+        if not is_usb(endpoint.address):
+            self.bytes_per_s = endpoint.number / BITS_PER_BYTE
         try:
             self._connected(self._dial(0.0), "opened")
         except OSError as error:

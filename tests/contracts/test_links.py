@@ -202,7 +202,7 @@ class Rig:
                 f"{self.link.url} never met its peer: {self.link.state}"
             )
         while self.link.receive(0.0) or self.peer.read(0.0):
-            pass
+            self.link.trust()
 
     def _met(self) -> bool:
         if isinstance(self.peer, TcpListener):
@@ -213,7 +213,8 @@ class Rig:
             self.link.send(b"hello")
             if self.peer.read(0.01):
                 self.peer.write(b"hello")
-        self.link.receive(0.01)
+        if self.link.receive(0.01):
+            self.link.trust()
         talking = not isinstance(self.peer, SocketPeer) or self.peer.talking is not None
         return talking and self.link.state is LinkState.OPEN
 
@@ -233,6 +234,7 @@ class Rig:
     def hear(self, count: int) -> bytes:
         data = b""
         while len(data) < count and (chunk := self.link.receive(PATIENCE_S)):
+            self.link.trust()
             data += chunk
         return data
 
@@ -412,6 +414,7 @@ def test_two_of_ours_talk(scheme: str) -> None:
             assert calls.receive(0.05) == b""  # time to connect
             assert calls.send(b"ping")
             assert listens.receive(PATIENCE_S) == b"ping"
+            listens.trust()
             assert listens.send(b"pong")
             assert calls.receive(PATIENCE_S) == b"pong"
 
@@ -438,13 +441,11 @@ def test_udpin_answers_every_live_peer_and_forgets_the_silent() -> None:
             stack.callback(caller.close)
             caller.port = int(link.url.rpartition(":")[2])
             caller.come_back()
-            caller.write(b"heartbeat")
-            assert link.receive(PATIENCE_S) == b"heartbeat"
+            known_from(link, caller)
             clock.advance_s(40.0)
         assert link.send(b"to the second")
         assert [caller.read(0.05) for caller in callers] == [b"", b"to the second"]
-        callers[0].write(b"heartbeat")
-        assert link.receive(PATIENCE_S)
+        known_from(link, callers[0])
         assert link.send(b"to both")
         assert [caller.read(PATIENCE_S) for caller in callers] == [b"to both", b"to both"]
 
@@ -457,11 +458,56 @@ def test_udpin_bounds_its_peers() -> None:
             stack.callback(caller.close)
             caller.port = int(link.url.rpartition(":")[2])
             caller.come_back()
-            caller.write(b"heartbeat")
-            assert link.receive(PATIENCE_S)
+            known_from(link, caller)
         assert link.send(b"hello")
         assert callers[0].read(0.02) == b""
         assert all(caller.read(PATIENCE_S) == b"hello" for caller in callers[1:])
+
+
+def test_udpin_sends_nothing_to_who_sent_no_mavlink() -> None:
+    """A source address can be forged: one datagram must not make us flood its owner."""
+    clock = ManualClock()
+    with contextlib.ExitStack() as stack:
+        link = stack.enter_context(contextlib.closing(open_link("udpin:127.0.0.1:0", clock)))
+        caller = UdpCaller()
+        stack.callback(caller.close)
+        caller.port = int(link.url.rpartition(":")[2])
+        caller.come_back()
+        caller.write(b"x")
+        assert link.receive(PATIENCE_S) == b"x"
+        assert not link.send(b"hello")
+        link.trust()  # it was a frame
+        assert link.send(b"hello")
+        clock.advance_s(5.1)
+        assert not link.send(b"hello")
+        known_from(link, caller)
+        clock.advance_s(59.0)
+        assert link.send(b"hello")
+
+
+def test_udpin_keeps_who_is_known_when_strangers_crowd_in() -> None:
+    with contextlib.ExitStack() as stack:
+        link = stack.enter_context(contextlib.closing(open_link("udpin:127.0.0.1:0")))
+        callers = [UdpCaller() for _ in range(40)]
+        for caller in callers:
+            stack.callback(caller.close)
+            caller.port = int(link.url.rpartition(":")[2])
+            caller.come_back()
+        known_from(link, callers[0])
+        for caller in callers[1:]:
+            caller.write(b"frame")
+            assert link.receive(PATIENCE_S)
+            link.trust()
+        assert link.send(b"hello")
+        assert callers[0].read(PATIENCE_S) == b"hello"
+
+
+def known_from(link: Link, caller: UdpCaller) -> None:
+    """Three datagrams that were MAVLink."""
+    for _ in range(3):
+        caller.write(b"heartbeat")
+        assert link.receive(PATIENCE_S) == b"heartbeat"
+        link.trust()
 
 
 def test_udpout_waits_for_a_peer_that_starts_later() -> None:

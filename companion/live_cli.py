@@ -78,6 +78,7 @@ def run(
     from companion.clock import SystemClock
     from companion.links import open_link
     from companion.recording import Recording
+    from companion.restarts import serve
     from companion.service import Service
     from companion.warmup import warm_up
 
@@ -88,12 +89,22 @@ def run(
         path = settings.record.path
         recorder = stack.enter_context(Recording(path, settings.record)) if path else None
         warm_up(settings)
-        service = Service(opened, settings, clock, recorder=recorder)
-        lines = StatusLine(service, output, as_json=as_json)
-        lines.ready(time.perf_counter() - started_s)
-        service.run(lambda: bool(stopped), lines.show)
+        lines: StatusLine | None = None
+
+        def make() -> Service:
+            earlier = lines.service if lines is not None else None
+            return Service(opened, settings, clock, recorder=recorder, earlier=earlier)
+
+        def run_one(service: Service) -> None:
+            nonlocal lines
+            lines = StatusLine(service, output, as_json=as_json)
+            lines.ready(time.perf_counter() - started_s)
+            service.run(lambda: bool(stopped), lines.show)
+
+        serve(make, run_one, clock)
         stack.close()
-        lines.stopped(recorder)
+        if lines is not None:
+            lines.stopped(recorder)
 
 
 def _with_options(
@@ -117,7 +128,7 @@ class StatusLine:
     PLAIN_PERIOD_S = 60.0
 
     def __init__(self, service: "Service", output: Output, *, as_json: bool = False) -> None:
-        self._service = service
+        self.service = service
         self._output = output
         self._json = as_json
         self._terminal = output.is_terminal and not as_json
@@ -125,7 +136,7 @@ class StatusLine:
 
     def ready(self, elapsed_s: float) -> None:
         """The service is about to start."""
-        estimator, url = self._service.settings.estimator, self._service.link.url
+        estimator, url = self.service.settings.estimator, self.service.link.url
         if self._json:
             self._object("ready", start_s=round(elapsed_s, 1), estimator=estimator, link=url)
         else:
@@ -150,10 +161,10 @@ class StatusLine:
         """The service has ended."""
         paths = [str(path) for path in recorder.paths] if recorder is not None else []
         if self._json:
-            self._object("stopped", summary=self._service.summary(), recorded=paths)
+            self._object("stopped", summary=self.service.summary(), recorded=paths)
             return
         start = "\n" if self._terminal else ""
-        self._output.line(f"{start}stopped: {self._service.summary()}")
+        self._output.line(f"{start}stopped: {self.service.summary()}")
         for path in paths:
             self._output.line(f"recorded {path}")
 

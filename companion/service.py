@@ -70,6 +70,7 @@ class Service:
     link, settings, clock : what to run on.
     recorder : where to write every frame heard and sent.
     observer : sees the pipeline from inside.
+    earlier : a service on the same link that failed; its vehicle is followed at once.
     """
 
     def __init__(
@@ -80,6 +81,7 @@ class Service:
         *,
         recorder: LogWriter | None = None,
         observer: Observer | None = None,
+        earlier: "Service | None" = None,
     ) -> None:
         self.link = link
         self.clock = clock
@@ -90,6 +92,8 @@ class Service:
         """frames that were not sent because they were made of old samples"""
         listeners = {mavlink.MAVLINK_MSG_ID_COMMAND_ACK: self._acknowledged}
         self.pipeline = Pipeline(settings, observer=observer, listeners=listeners)
+        if earlier is not None:
+            self.pipeline.identity.resume(earlier.pipeline.identity, clock.now_us())
         self.pipeline.on_own_ids(self._own_ids_heard)
         self.pipeline.on_rate_request(self._rate_requested)
         self._streaming = Streaming(self.pipeline, settings, link.bytes_per_s)

@@ -85,6 +85,13 @@ class HealthMonitor:
         self._better_since_us: int | None = None
         self._assessed_us = -ASSESS_US
 
+    def shift(self, by_us: int) -> None:
+        """Move every instant: our own pause of this length was no silence of the vehicle."""
+        self._used_us = {kind: used_us + by_us for kind, used_us in self._used_us.items()}
+        if self._better_since_us is not None:
+            self._better_since_us += by_us
+        self._alive_us = self._height_us = self._usable_us = None
+
     def alive(self, host_us: int) -> None:
         """A frame of the vehicle arrived."""
         self._alive_us = host_us

@@ -88,7 +88,9 @@ def hour(seed: int, seconds: int = 3600, gnss_sd_m: float = 4.24, baro_hz: int =
     bias = rng.normal(0.0, 0.1) + settings.accel_bias_walk_mps2_rts * np.cumsum(
         rng.normal(size=n)
     ) * np.sqrt(STEP_S)
-    felt = acceleration + bias + rng.normal(0.0, settings.accel_noise_mps2_rthz / np.sqrt(STEP_S), n)
+    felt = (
+        acceleration + bias + rng.normal(0.0, settings.accel_noise_mps2_rthz / np.sqrt(STEP_S), n)
+    )
     gnss_every, baro_every = 10, round(1.0 / (STEP_S * baro_hz))
     fixes = height[::gnss_every] + gauss_markov(
         SLOW_SHARE * gnss_sd_m,

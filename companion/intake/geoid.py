@@ -20,7 +20,7 @@ ROWS, COLUMNS = 181, 360
 def _grid_m() -> NDArray[np.float64]:
     packed = (Path(__file__).parent / "egm96_1deg.bin").read_bytes()
     steps = np.frombuffer(zlib.decompress(packed), "<i2").reshape(ROWS, COLUMNS)
-    return np.cumsum(steps, axis=1, dtype=np.int64) * 0.1
+    return np.cumsum(steps, axis=1, dtype=np.float64) * np.float64(0.1)
 
 
 def undulation_m(latitude_deg: float, longitude_deg: float) -> float:

@@ -6,7 +6,8 @@ import socket
 import time
 
 from companion.clock import Clock
-from companion.links.base import Backoff, BaseLink, readable
+from companion.errors import LinkError
+from companion.links.base import Backoff, BaseLink, HasFileno, readable
 from companion.links.sockets import Address, listener, resolve
 from companion.links.urls import Endpoint
 
@@ -44,6 +45,9 @@ class UdpIn(BaseLink):
         self._found(f"heard {peer[0]}:{peer[1]}")
         return data
 
+    def descriptors(self) -> list[HasFileno]:
+        return [self._socket]
+
     def _send(self, data: bytes) -> bool:
         self._forget_silent()
         sent = [self._send_to(peer, data) for peer in self._heard_us]
@@ -76,15 +80,29 @@ class UdpOut(BaseLink):
     def __init__(self, endpoint: Endpoint, clock: Clock) -> None:
         super().__init__(str(endpoint), clock)
         self._family, self._address = resolve(endpoint, socket.SOCK_DGRAM)[0]
+        self._local = endpoint.local
+        _refuse_broadcast(endpoint, self._family, self._address)
         self._socket = self._connect()
         self._renewal = Backoff(clock)
         self._heard_us = clock.now_us()
+
+    def descriptors(self) -> list[HasFileno]:
+        return [self._socket]
 
     def _connect(self) -> socket.socket:
         """Once connected, the kernel drops other people's datagrams and reports refusals."""
         connected = socket.socket(self._family, socket.SOCK_DGRAM)
         connected.setblocking(False)
         connected.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_SIZE)
+        if self._local >= 0:
+            connected.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                connected.bind(("", self._local))
+            except OSError as error:
+                connected.close()
+                raise LinkError(
+                    f"{self.url}: port {self._local} cannot be used ({error})"
+                ) from error
         with contextlib.suppress(
             OSError
         ):  # no route yet: sending says so too, and renews the socket
@@ -134,3 +152,18 @@ class UdpOut(BaseLink):
 
     def _close(self) -> None:
         self._socket.close()
+
+
+def _refuse_broadcast(endpoint: Endpoint, family: socket.AddressFamily, address: Address) -> None:
+    """A broadcast address needs a permission that a socket has only when it asks: then everybody on
+    the network would take our frames for theirs."""
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(address)
+        except PermissionError:
+            raise LinkError(
+                f"{endpoint}: is a broadcast address; name the vehicle's own address, or listen with "
+                f"udpin:0.0.0.0:{endpoint.number}"
+            ) from None
+        except OSError:
+            return  # no route yet

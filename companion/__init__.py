@@ -1,26 +1,27 @@
-"""Kollsman's companion: how high a MAVLink vehicle really is, and how sure we are.
+"""Kollsman's companion: estimates the altitude of a MAVLink vehicle, and its accuracy.
 
 Data path
 ---------
-bytes -> `Packet` (arrival time, data) -> frame -> message -> sample row -> estimator -> estimate row -> sinks.
-Live, replay, simulation and benchmark differ only in where the packets come from and in the clock, so the same
-bytes give the same estimates, bit for bit.
+bytes -> `Packet` (arrival time, data) -> frame -> message -> sample row -> estimator -> estimate
+row -> sinks. Live, replay, simulation and benchmark differ only in where the packets come from and
+in the clock, so the same bytes give the same estimates, bit for bit.
 
 Units
 -----
-SI everywhere; the suffix of a name is its unit: ``_m _mps _mps2 _radps _rad _deg _pa _k _s _us _hz``. A standard
-deviation is ``_sd_m``, a variance ``_var_m2``. Only three borders translate: ``mavlink/convert.py`` (MAVLink),
-``sim/aircraft.py`` (JSBSim) and ``config.py`` (YAML).
+SI everywhere; the suffix of a name is its unit: ``_m _mps _mps2 _radps _rad _deg _pa _k _s _us
+_hz``. A standard deviation is ``_sd_m``, a variance ``_var_m2``. Only three places convert units:
+``mavlink/convert.py`` (MAVLink), ``sim/aircraft.py`` (JSBSim) and ``config.py`` (YAML).
 
 Time
 ----
-An instant is an integer ``time_us``, microseconds of the sensor's (the vehicle's boot) clock; a duration is a float
-``_s``. ``arrival_us`` is when our host read the bytes (UNIX microseconds); no estimate depends on it.
+An instant is an integer ``time_us``, microseconds of the sensor's (the vehicle's boot) clock; a
+duration is a float ``_s``. ``arrival_us`` is when our host read the bytes (UNIX microseconds); no
+estimate depends on it.
 
 Frames
 ------
-``vec_b`` is forward-right-down, ``vec_n`` north-east-down, ``mat_nb`` takes b to n. The scalars altitude, height and
-climb are positive upwards.
+``vec_b`` is forward-right-down, ``vec_n`` north-east-down, ``mat_nb`` takes b to n. The scalars
+altitude, height and climb are positive upwards.
 
 Datums
 ------
@@ -33,33 +34,9 @@ Datums
 
 Names
 -----
-Unknown is NaN in rows; MAVLink's sentinels live in ``mavlink/convert.py`` alone. Paper letters (F H P Q R S K x z)
-appear only in ``kalman.py`` and ``estimators/``, with the map in the module's docstring.
-
-Modules
--------
-==================  ===================================================================================
-``samples``         the records: samples, estimates, verdicts, `SampleLog`
-``atmosphere``      standard atmosphere both ways, geopotential height, Kollsman correction
-``earth``           the ellipsoid: normal gravity, radii, rotation
-``strapdown``       inertial navigation north-east-down, and how its errors grow
-``track``           the past of a moving state, for fixes that come late
-``spikes``          a gate against spikes of a barometer that follows its trend
-``attitude``        roll and pitch, ours or the vehicle's: the vertical acceleration; whether the IMU is fast enough
-``estimators``      ``ESTIMATORS``: one file per published system
-``mavlink``         codec (bytes <-> messages), convert (messages -> samples), identity, outputs
-``intake``          what live and replay share before an estimator: vehicle clock, reboots, latency
-``screening``       barometer against GNSS: which of them is impossible
-``pipeline``        packets in, estimates and MAVLink frames out; deterministic
-``health``          freshness and spread -> OK, DEGRADED, LOST
-``links``           ``SCHEMES``: serial, UDP, TCP, memory
-``logs``            tlog reading and writing, pacing
-``service``         the live loop: a link, a clock, a pipeline
-``evaluation``      errors against truth
-``tuning``          gains of the damping loop from a flight, by its paper's genetic algorithm
-``config``          typed YAML
-``cli``             the command ``kollsman``
-==================  ===================================================================================
+Unknown is NaN in rows; MAVLink's sentinels live in ``mavlink/convert.py`` alone. Paper letters (F H
+P Q R S K x z) appear only in ``kernels/kalman.py`` and ``estimators/``, with a map in the module's
+docstring.
 """
 
 __version__ = "0.1.0"

@@ -1,4 +1,4 @@
-"""Clocks: what the host thinks the time is, injected so that tests and replay need no sleeping."""
+"""Clocks of the host, passed as arguments so that tests and replay need no sleeping."""
 
 import time
 from typing import Protocol
@@ -17,8 +17,8 @@ class Clock(Protocol):
 
 
 class SystemClock:
-    """The monotonic clock anchored once to UNIX time, so that a stepped wall clock (a Pi without
-    RTC) cannot hurt."""
+    """The monotonic clock, set once to UNIX time, so that a later step of the wall clock (a Pi
+    without RTC) has no effect."""
 
     def __init__(self) -> None:
         self._offset_ns = time.time_ns() - time.monotonic_ns()
@@ -32,7 +32,7 @@ class SystemClock:
 
 
 class ManualClock:
-    """Time moves only when told to, or by sleeping."""
+    """A clock that moves only by `advance_s` and `sleep_s`."""
 
     def __init__(self, now_us: int = 1_700_000_000_000_000) -> None:
         self._now_us = now_us

@@ -1,17 +1,22 @@
-"""How far the altitude can be trusted: OK, DEGRADED or LOST, on vehicle time.
+"""How far the altitude can be trusted: OK, DEGRADED or LOST.
 
-===========  ==============================================================================================
-OK           barometer and GNSS were both used within ``fresh_s`` and the spread is within ``sd_ok_m``
+===========  ====================================================================================
+OK           barometer and GNSS were both used within ``fresh_s``, the spread is within ``sd_ok_m``
 DEGRADED     one of them is missing or refused, or the spread is larger
-LOST         no height for ``lost_s``, spread above ``sd_lost_m``, no heartbeat, or no finite, possible estimate
-===========  ==============================================================================================
+LOST         no height for ``lost_s``, spread above ``sd_lost_m``, no finite, possible estimate, one
+             that neither barometer nor GNSS supports (`companion.checker`), or nothing from the
+             vehicle, or none of its heights, for ``silent_s``
+===========  ====================================================================================
+
+These conditions hold on the vehicle's clock, so that a simulation at twenty times real time counts
+the same. What stops the vehicle's clock is seen on the host's: `HealthMonitor.age`.
 
 A turn for the worse takes effect at once (its conditions already wait), one for the better after
 ``recover_s``.
 """
 
 import math
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from enum import IntEnum
 
 from pydantic import Field
@@ -41,8 +46,9 @@ class HealthSettings(Settings):
     """barometer and GNSS must each have been used this recently to be OK"""
     lost_s: float = Field(5.0, gt=0, le=60)
     """without any usable height for this long it is LOST"""
-    heartbeat_s: float = Field(3.0, gt=0, le=60)
-    """without a heartbeat of the vehicle for this long it is LOST"""
+    silent_s: float = Field(3.0, gt=0, le=60)
+    """seconds of the host's clock without anything from the vehicle, or without any height from it,
+    after which it is LOST"""
     recover_s: float = Field(2.0, ge=0, le=60)
     """a turn for the better must last this long"""
     sd_ok_m: float = Field(15.0, gt=0, le=1000)
@@ -52,7 +58,7 @@ class HealthSettings(Settings):
 
 
 class HealthMonitor:
-    """Follows verdicts, estimates and heartbeats.
+    """Follows verdicts, estimates and the vehicle's silence.
 
     Parameters
     ----------
@@ -62,44 +68,80 @@ class HealthMonitor:
     def __init__(self, settings: HealthSettings, uses: Collection[Kind]) -> None:
         self.health = Health.LOST
         self.reason = "nothing heard yet"
+        self.has_altitude = False
+        """whether there is an altitude that is possible, certain enough, and supported"""
         self._settings = settings
         self._needed = [kind for kind in (Kind.PRESSURE, Kind.GNSS) if kind in uses]
+        self._alive_us: int | None = None
+        self._height_us: int | None = None
+        self._usable_us: int | None = None
+        """the host's clock at the newest frame, barometer or GNSS sample, and used sample of them"""
         self.restart()
 
     def restart(self) -> None:
         """Forget every instant: the vehicle's clock started anew."""
         self._used_us: dict[Kind, int] = {}
         self._verdict: dict[Kind, Verdict] = {}
-        self._heartbeat_us: int | None = None
         self._better_since_us: int | None = None
         self._assessed_us = -ASSESS_US
 
     def shift(self, by_us: int) -> None:
         """Move every instant: our own pause of this length was no silence of the vehicle."""
         self._used_us = {kind: used_us + by_us for kind, used_us in self._used_us.items()}
-        if self._heartbeat_us is not None:
-            self._heartbeat_us += by_us
         if self._better_since_us is not None:
             self._better_since_us += by_us
+        self._alive_us = self._height_us = self._usable_us = None
 
-    def heartbeat(self, now_us: int) -> None:
-        """The vehicle's HEARTBEAT came."""
-        self._heartbeat_us = now_us
+    def alive(self, host_us: int) -> None:
+        """A frame of the vehicle arrived."""
+        self._alive_us = host_us
+        if self._height_us is None:
+            self._height_us = self._usable_us = host_us
 
-    def sample(self, kind: Kind, verdict: Verdict, now_us: int) -> None:
-        """A sample of the primary instance got this verdict."""
+    def sample(self, kind: Kind, verdict: Verdict, now_us: int, host_us: int) -> None:
+        """A sample of the primary instance got this verdict.
+
+        `now_us` is the vehicle's clock, `host_us` when the sample arrived.
+        """
         self._verdict[kind] = verdict
+        if kind in self._needed:
+            self._height_us = host_us
         if verdict is Verdict.USED:
             self._used_us[kind] = now_us
+            if kind in self._needed:
+                self._usable_us = host_us
+
+    def age(self, host_us: int, others: Callable[[], str]) -> bool:
+        """Lose the height when the vehicle has been silent on the host's clock; True when the health
+        changed.
+
+        `others` tells who else is heard.
+        """
+        if self._alive_us is None or self._height_us is None or self._usable_us is None:
+            return False
+        silent_us = self._settings.silent_s * 1e6
+        if host_us - self._alive_us > silent_us:
+            heard = others()
+            return self.lose(f"vehicle silent, heard: {heard}" if heard else "nothing heard")
+        if not self._needed:
+            return False
+        if host_us - self._height_us > silent_us:
+            return self.lose("vehicle heard, but no barometer and no GNSS")
+        if host_us - self._usable_us > max(self._settings.lost_s * 1e6, silent_us):
+            return self.lose(f"no usable height for {self._settings.lost_s:g} s")
+        return False
 
     def is_due(self, now_us: int) -> bool:
         """Whether the last assessment is old enough for one without a new measurement."""
         return not 0 <= now_us - self._assessed_us < ASSESS_US
 
-    def assess(self, now_us: int, estimate: Rows) -> bool:
-        """Bring `health` and `reason` up to date; True when the health changed."""
+    def assess(self, now_us: int, estimate: Rows, objection: str = "") -> bool:
+        """Bring `health` and `reason` up to date; True when the health changed.
+
+        `objection` is why the sensors do not support the altitude; empty when they do.
+        """
         self._assessed_us = now_us
-        health, reason = self._judge(now_us, estimate)
+        health, reason = self._judge(now_us, estimate, objection)
         if health >= self.health:
             self._better_since_us = None
         else:
@@ -113,16 +155,16 @@ class HealthMonitor:
         return changed
 
     def lose(self, reason: str) -> bool:
-        """Nothing is heard any more (on the host's clock); True when the health changed."""
+        """There is no height, says the host's clock; True when the health changed."""
         changed = self.health is not Health.LOST
         self.health, self.reason, self._better_since_us = Health.LOST, reason, None
         return changed
 
-    def _judge(self, now_us: int, estimate: Rows) -> tuple[Health, str]:
+    def _judge(self, now_us: int, estimate: Rows, objection: str) -> tuple[Health, str]:
         settings, value = self._settings, estimate[0]
         altitude_m, sd_m = float(value["altitude_amsl_m"]), float(value["altitude_sd_m"])
-        if self._heartbeat_us is None or now_us - self._heartbeat_us > settings.heartbeat_s * 1e6:
-            return Health.LOST, "no heartbeat from the vehicle"
+        self.has_altitude = not objection and LOWEST_M <= altitude_m <= HIGHEST_M
+        self.has_altitude &= sd_m <= settings.sd_lost_m
         if not (math.isfinite(altitude_m) and math.isfinite(sd_m)):
             return Health.LOST, self._missing(now_us) or "no altitude yet"
         if not LOWEST_M <= altitude_m <= HIGHEST_M:
@@ -136,6 +178,8 @@ class HealthMonitor:
             return Health.LOST, f"no usable height for {settings.lost_s:g} s"
         if sd_m > settings.sd_lost_m:
             return Health.LOST, f"altitude uncertain by {sd_m:.0f} m"
+        if objection:
+            return Health.LOST, objection
         missing = self._missing(now_us)
         if missing:
             return Health.DEGRADED, missing

@@ -1,8 +1,8 @@
 """What is heard on a link, by sender and message: counts, rates, gaps, last values. For `doctor`."""
 
 from collections import Counter
+from collections.abc import Hashable
 from dataclasses import dataclass, field
-from typing import Any
 
 from companion.clock import Clock
 from companion.links import Link, LinkState
@@ -76,6 +76,8 @@ class Hearing:
         self._link = link
         self.url = link.url
         self.statistics = link.statistics
+        self.source: Hashable = None
+        self.bytes_per_s = link.bytes_per_s
         self._clock = clock
         self.started_us = clock.now_us()
         self.decoder = Decoder()
@@ -89,12 +91,13 @@ class Hearing:
     def state(self) -> LinkState:
         return self._link.state
 
-    def __getattr__(self, name: str) -> Any:
-        """Whatever else the link has."""
-        return getattr(self._link, name)
+    def trust(self) -> None:
+        """What was received last was MAVLink."""
+        self._link.trust()
 
     def receive(self, timeout_s: float) -> bytes:
         data = self._link.receive(timeout_s)
+        self.source = self._link.source
         now_us = self._clock.now_us()
         if len(self.text) < TEXT_SAMPLE_BYTES:
             self.text += data[:TEXT_SAMPLE_BYTES]

@@ -1,9 +1,10 @@
-"""The only file that imports Numba: `step` compiles a function, with a cache that cannot go stale.
+"""The only file that imports Numba: `step` compiles a function, with a cache keyed by content.
 
-Numba's own cache looks only at the file of the function itself, so an edited helper would leave its callers compiled
-against the old one. Here each module that compiles has a cache folder of its own, named after a hash of that module,
-of every compiled module it imports, of the Numba version and of the processor: an edit of one estimator recompiles
-that estimator alone. Where the cache folder cannot be written and holds nothing, a temporary one is used.
+Numba's own cache depends only on the file of the function itself, so callers of an edited helper
+would keep code of the old one. Here each module that compiles has a cache folder of its own,
+named after a hash of that module, of every compiled module it imports, of the Numba version and of
+the processor: an edit of one estimator recompiles that estimator alone. Where the cache folder
+cannot be written and holds nothing, a temporary one is used.
 """
 
 import atexit
@@ -41,7 +42,8 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 def module_hash(path: Path) -> str:
     """Hash of everything that a module's compiled code depends on.
 
-    Compiled modules take names only from each other and from `samples` (tests/test_architecture.py holds this).
+    Compiled modules take names only from each other and from `samples` (tests/test_architecture.py
+    holds this).
     """
     digest = hashlib.sha256(_environment())
     for each in sorted(_closure(path)):
@@ -50,7 +52,8 @@ def module_hash(path: Path) -> str:
 
 
 def source_hash() -> str:
-    """Hash of all compiled code of the companion: the estimators' numbers cannot change while it stays the same."""
+    """Hash of all compiled code of the companion: the estimators' numbers cannot change while it
+    stays the same."""
     digest = hashlib.sha256(_environment())
     package = Path(__file__).parent
     for path in sorted(package.rglob("*.py")):
@@ -94,7 +97,8 @@ def _imports(path: Path) -> frozenset[Path]:
 
 
 def cache_directory() -> Path:
-    """Where compiled code is kept: ``$KOLLSMAN_CACHE``, else the user's cache folder, else a temporary folder."""
+    """Where compiled code is kept: ``$KOLLSMAN_CACHE``, else the user's cache folder, else a
+    temporary folder."""
     chosen = os.environ.get("KOLLSMAN_CACHE")
     candidates = [Path(chosen)] if chosen else []
     try:
@@ -130,7 +134,8 @@ def _temporary(warm: Path | None = None) -> Path:
 
 @cache
 def module_directory(path: Path, module: str) -> Path:
-    """The cache folder of one module; older versions of the same module are deleted, but for the newest few."""
+    """The cache folder of one module; older versions of the same module are deleted, but for the
+    newest few."""
     directory = _CACHE / f"{module}-{module_hash(path)}"
     try:
         if not directory.is_dir():
@@ -180,7 +185,8 @@ if hasattr(DefaultOptions, "_nrt"):
 
 
 class CacheLocator(UserProvidedCacheLocator):  # type: ignore[misc]
-    """Places compiled code by module and content, not by path: another checkout of the same source finds it."""
+    """Places compiled code by module and content, not by path: another checkout of the same source
+    finds it."""
 
     @classmethod
     def get_suitable_cache_subpath(cls, py_file: str) -> str:

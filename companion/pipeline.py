@@ -5,20 +5,26 @@ give the same estimates and the same output messages, bit for bit.
 """
 
 import copy
-from collections.abc import Callable, Mapping
+import logging
+from collections.abc import Callable, Hashable, Mapping
+from functools import partial
 from typing import Protocol
 
+from companion.checker import Checker
 from companion.estimators import ESTIMATORS, Filter
-from companion.health import Health, HealthMonitor
-from companion.intake import Intake, SampleReject
+from companion.health import HealthMonitor
+from companion.intake import Intake, SampleReject, restart_row
 from companion.mavlink import convert
 from companion.mavlink.codec import Decoder, Encoder, Frame, Message, mavlink
 from companion.mavlink.identity import Identity, Origin
 from companion.mavlink.imu import ImuSelector
-from companion.mavlink.outputs import Outputs, heartbeat
+from companion.mavlink.outputs import SEVERITY, Outputs, Source, heartbeat
+from companion.mavlink.texts import Allowance, StatusTexts
 from companion.recorded import Item, Sensed
 from companion.samples import Kind, Packet, Rows, Verdict
 from companion.settings import CompanionSettings
+
+logger = logging.getLogger("kollsman.pipeline")
 
 HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 RAW_IMU = mavlink.MAVLINK_MSG_ID_RAW_IMU
@@ -27,7 +33,13 @@ SYSTEM_TIME = mavlink.MAVLINK_MSG_ID_SYSTEM_TIME
 ALTITUDE = mavlink.MAVLINK_MSG_ID_ALTITUDE
 SIM_STATE = mavlink.MAVLINK_MSG_ID_SIM_STATE
 GLOBAL_POSITION_INT = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
+DATA_STREAM = mavlink.MAVLINK_MSG_ID_REQUEST_DATA_STREAM
 COMMANDS = frozenset({mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT})
+SET_MESSAGE_INTERVAL = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
+FORGERIES = frozenset({Origin.FORGED, Origin.ELSEWHERE})
+OTHERS_US = 5_000_000
+ANSWERS_PER_S = 10
+OWN_HEIGHT_TEXT = "ALTITUDE: the autopilot's own height"
 PRESSURE_TIMEOUT_US = 2_000_000
 
 
@@ -72,27 +84,46 @@ class Pipeline:
         self.settings = settings
         self._sends = sends
         self.decoder = Decoder(datagrams=datagrams)
-        self.identity = Identity(settings.vehicle.system_id, settings.identity.component_id)
-        self.intake = Intake(settings.intake)
-        self.filter = Filter(ESTIMATORS[settings.estimator], settings.section(settings.estimator))
-        self.health = HealthMonitor(settings.health, self.filter.method.uses)
-        self.outputs = Outputs(settings.publish)
+        self.identity = Identity(
+            settings.vehicle.system_id,
+            settings.identity.component_id,
+            vehicle_component_id=settings.vehicle.component_id,
+            own_system_id=settings.identity.system_id,
+        )
+        self.texts = StatusTexts()
+        self._source = Source.NONE
+        self._problems: list[str] = []
+        self._begin()
         self.verdicts = [[0] * len(Verdict) for _ in Kind]
         """how many samples of each kind got each verdict"""
         self.heard: dict[int, int] = {}
         """messages of the vehicle by id"""
         self.frames: list[Frame] = []
         """the frames of the last packet"""
-        self._imu = ImuSelector()
         self._listeners = dict(listeners or {})
-        self._encoder: Encoder | None = None
-        self._wanted = set(convert.CONVERTERS) | {RAW_IMU, SYSTEM_TIME, ALTITUDE, *self._listeners}
+        self._encoders: dict[tuple[int, int], Encoder] = {}
+        self._answers = Allowance(ANSWERS_PER_S)
+        self._wanted = set(convert.CONVERTERS) | {
+            *(RAW_IMU, SYSTEM_TIME, ALTITUDE, GLOBAL_POSITION_INT),
+            *self._listeners,
+        }
         self.observe(observer)
+        self._conflict: Callable[[Frame], None] | None = None
+        self._rate_request: Callable[[Frame], None] | None = None
+
+    def _begin(self) -> None:
+        """Forget what was measured: another vehicle is followed from here on."""
+        settings = self.settings
+        self.intake = Intake(settings.intake)
+        self.filter = Filter(ESTIMATORS[settings.estimator], settings.section(settings.estimator))
+        self.health = HealthMonitor(settings.health, self.filter.method.uses)
+        self.checker = Checker()
+        self.outputs = Outputs(settings.publish)
+        self._imu = ImuSelector()
         self._scaled_pressure_us = -PRESSURE_TIMEOUT_US
         self._tells_air = self._knows_air = (
             settings.air.qnh_hpa is not None or settings.air.temperature_c is not None
         )
-        self._conflict: Callable[[Frame], None] | None = None
 
     @property
     def wanted(self) -> frozenset[int]:
@@ -112,16 +143,15 @@ class Pipeline:
     def heard_ourselves(self) -> bool:
         """Whether the last packet was a frame with our own ids, as in a recording of an earlier
         run."""
-        vehicle, component_id = self.identity.vehicle, self.identity.component_id
-        ours = (vehicle[0], component_id) if vehicle is not None else None
-        return any((frame.system_id, frame.component_id) == ours for frame in self.frames)
+        own = self.identity.own
+        return any((frame.system_id, frame.component_id) == own for frame in self.frames)
 
     def observe(self, observer: Observer | None) -> None:
         """Let `observer` see what happens from now on."""
         self._observer = observer
         self._wants_imu = observer is not None or Kind.IMU in self.filter.method.uses
         if observer is not None:
-            self._wanted |= {SIM_STATE, GLOBAL_POSITION_INT}
+            self._wanted.add(SIM_STATE)
 
     def branch(self, observer: Observer) -> "Pipeline":
         """A second pipeline that goes on from here by itself, as if the packets differed from now
@@ -129,10 +159,8 @@ class Pipeline:
 
         The two share the decoder, which keeps nothing between datagrams but its counters.
         """
-        other = copy.deepcopy(
-            self, {id(each): each for each in (self.decoder, self._encoder, self._observer)}
-        )
-        other._encoder = None
+        other = copy.deepcopy(self, {id(each): each for each in (self.decoder, self._observer)})
+        other._sends = False
         other.observe(observer)
         return other
 
@@ -140,14 +168,21 @@ class Pipeline:
         """Call back for every frame that carries our own ids."""
         self._conflict = callback
 
-    def feed(self, packet: Packet) -> list[bytes]:
-        """Take in a packet; the frames to send because of it."""
-        return self._take(self.decoder.feed(packet.data), packet.time_us)
+    def on_rate_request(self, callback: Callable[[Frame], None]) -> None:
+        """Call back for every request of another program for the vehicle's message rates."""
+        self._rate_request = callback
+
+    def feed(self, packet: Packet, source: Hashable = None) -> list[bytes]:
+        """Take in a packet; the frames to send because of it.
+
+        `source` is the network address that it came from, on a link that has several.
+        """
+        return self._take(self.decoder.feed(packet.data), packet.time_us, source)
 
     def feed_item(self, item: Item, arrival_us: int) -> list[bytes]:
         """Take in what a log's reader has found; the frames to send because of it."""
         if isinstance(item, Frame):
-            return self._take([item], arrival_us)
+            return self._take([item], arrival_us, None)
         self.frames = []
         if isinstance(item, Sensed):
             return self._reading(item.reading, item.source, arrival_us)
@@ -156,61 +191,109 @@ class Pipeline:
 
     def flush(self, arrival_us: int) -> list[bytes]:
         """The line fell silent: give up on a half-received frame."""
-        return self._take(self.decoder.flush(), arrival_us)
+        return self._take(self.decoder.flush(), arrival_us, None)
 
-    def lose(self, reason: str) -> list[bytes]:
-        """Nothing is heard any more, says the host's clock."""
-        return (
-            self._encode(self.outputs.status_text(Health.LOST, reason))
-            if self.health.lose(reason)
-            else []
-        )
+    def age(self, host_us: int) -> list[bytes]:
+        """Time passed on the host's clock: lose a height that has become old, send texts that are
+        due."""
+        if self.health.age(host_us, partial(self._others, host_us)):
+            self._tell_health()
+            vehicle = self.identity.vehicle or (0, 0)
+            at_s = max(0, self.now_us) * 1e-6
+            self.identity.tell(
+                f"{vehicle[0]}/{vehicle[1]} lost at {at_s:.1f} s of its clock: {self.health.reason}"
+            )
+        messages = self.texts.due(host_us)
+        return self._encode(messages) if messages else []
 
     def heartbeat(self) -> list[bytes]:
-        """Our own heartbeat, once there is a vehicle."""
+        """Our own heartbeat."""
         return self._encode([heartbeat(self.health.health)])
+
+    def tell_problems(self, problems: list[str]) -> None:
+        """STATUSTEXT about streams that are slow, missing or refused, when that changes."""
+        if problems == self._problems or not self.settings.publish.statustext:
+            return
+        kinds = [problem.split(":")[0] for problem in problems]
+        if kinds != [problem.split(":")[0] for problem in self._problems]:
+            severity = mavlink.MAV_SEVERITY_WARNING if problems else mavlink.MAV_SEVERITY_INFO
+            text = f"Kollsman: {'; '.join(problems) or 'all streams arrive'}"
+            self.texts.say("streams", tuple(kinds), severity, text)
+        self._problems = problems
+
+    def yield_ids(self, may_move: bool) -> None:
+        """Another program uses our ids: take the next free ones, or say so and keep them."""
+        text = self.identity.yield_ids(may_move)
+        self.texts.say("ids", text, mavlink.MAV_SEVERITY_WARNING, text)
+
+    def farewell(self, host_us: int) -> list[bytes]:
+        """The last messages: ALTITUDE with the vehicle's own height, and a text that says so."""
+        own_height = self.outputs.last_height(self.now_us)
+        if own_height is None:
+            return []
+        text = b"Kollsman stops: the autopilot's own height"
+        notice = mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_NOTICE, text)
+        texts = [notice] if self.settings.publish.statustext else []
+        return self._encode([own_height, *texts])
 
     def encode(self, message: Message) -> list[bytes]:
         """A message of the service's own, such as a request to the vehicle."""
         return self._encode([message])
 
-    def _take(self, frames: list[Frame], arrival_us: int) -> list[bytes]:
-        self.frames = frames
+    def _others(self, host_us: int) -> str:
+        return ", ".join(self.identity.others(host_us - OTHERS_US))
+
+    def _tell_health(self) -> None:
+        """STATUSTEXT about a change of health."""
+        if self.settings.publish.statustext:
+            health = self.health.health
+            text = f"Kollsman {health.name}: {self.health.reason}"
+            self.texts.say("health", health, SEVERITY[health], text)
+
+    def _take(self, frames: list[Frame], arrival_us: int, source: Hashable) -> list[bytes]:
+        self.frames = []
         sent: list[bytes] = []
         for frame in frames:
-            sent += self._frame(frame, arrival_us)
+            sent += self._frame(frame, arrival_us, source)
+            sent += self.age(arrival_us)
         return sent
 
-    def _frame(self, frame: Frame, arrival_us: int) -> list[bytes]:
-        identity = self.identity
-        if identity.vehicle is None and frame.message_id == HEARTBEAT:
+    def _frame(self, frame: Frame, arrival_us: int, source: Hashable) -> list[bytes]:
+        identity, message_id = self.identity, frame.message_id
+        speaker = (frame.system_id, frame.component_id)
+        if message_id == HEARTBEAT and speaker not in (identity.vehicle, identity.own):
             message = self.decoder.decode(frame)
-            if message is not None:
-                identity.offer(frame, message)
-        origin = identity.origin(frame, arrival_us)
+            changed = message and identity.heartbeat(frame, message, arrival_us, source)
+            if changed and self.heard:  # not for the first vehicle
+                self._begin()
+        origin = identity.origin(frame, arrival_us, source)
+        if origin not in FORGERIES:
+            self.frames.append(frame)
         if origin is Origin.OURSELVES:
             if self._conflict is not None:
                 self._conflict(frame)
-        elif frame.message_id in COMMANDS:
-            return self._command(frame)
+        elif message_id in COMMANDS:
+            return self._command(frame, arrival_us)
+        elif message_id == DATA_STREAM and self._rate_request is not None:
+            self._rate_request(frame)
         if origin is not Origin.VEHICLE:
             return []
+        self.health.alive(arrival_us)
         self.heard[frame.message_id] = self.heard.get(frame.message_id, 0) + 1
         if frame.message_id not in self._wanted:
             return []
         message = self.decoder.decode(frame)
         return self._message(message, frame.message_id, arrival_us) if message is not None else []
 
-    def _command(self, frame: Frame) -> list[bytes]:
-        """A command addressed to us: we have none, and say so."""
+    def _command(self, frame: Frame, arrival_us: int) -> list[bytes]:
+        """A command addressed to us: we have none, and say so, a few times a second at most."""
         message = self.decoder.decode(frame)
-        if (
-            message is None
-            or self.identity.vehicle is None
-            or message.target_component != self.identity.component_id
-        ):
+        if message is None:
             return []
-        if message.target_system != self.identity.vehicle[0]:
+        if message.command == SET_MESSAGE_INTERVAL and self._rate_request is not None:
+            self._rate_request(frame)
+        target = (message.target_system, message.target_component)
+        if target != self.identity.own or not self._answers.takes(arrival_us):
             return []
         refusal = mavlink.MAV_RESULT_UNSUPPORTED
         answer = mavlink.MAVLink_command_ack_message(
@@ -227,7 +310,6 @@ class Pipeline:
             listener(message)  # an answer to somebody else's request is not ours
         if message_id == HEARTBEAT:
             self.identity.note(message)
-            self.health.heartbeat(self.now_us)
         elif message_id == ALTITUDE:
             self.outputs.vehicle_altitude(self.now_us)
         elif message_id == SYSTEM_TIME:
@@ -236,6 +318,8 @@ class Pipeline:
             self._compare(True, (self.now_us, *convert.sim_state(message)))
         elif message_id == GLOBAL_POSITION_INT:
             self._compare(False, convert.global_position(message))
+            own_height = self.outputs.own_height(message, self.now_us, self.health.health)
+            return self._publish(own_height) if own_height is not None else []
         sent: list[bytes] = []
         for reading in self._readings(message, message_id):
             sent += self._reading(reading, message_id, arrival_us)
@@ -257,6 +341,7 @@ class Pipeline:
         if reboot is not None:
             self.health.restart()
             self.outputs.restart()
+            self.checker.restart()
             self._scaled_pressure_us = -PRESSURE_TIMEOUT_US
             self._tells_air = self._knows_air
             sent += self._sample(Kind.STATUS, 0, reboot)
@@ -288,14 +373,16 @@ class Pipeline:
             self._tells_air = False
             known = self.settings.air
             self._sample(Kind.AIR, 0, self.intake.air(known.qnh_hpa, known.temperature_c, row))
+        self.identity.measured(kind)
         return self._step(kind, instance, row)
 
     def _step(self, kind: Kind, instance: int, row: Rows) -> list[bytes]:
         """Give a sample to the estimator and its verdict to all who follow it."""
+        self.checker.sample(kind, row)
         verdict = self.filter.step(kind, row)
         self.verdicts[kind][verdict] += 1
         if instance == 0:
-            self.health.sample(kind, verdict, self.now_us)
+            self.health.sample(kind, verdict, self.now_us, int(row[0]["arrival_us"]))
         self.outputs.sample(kind, row, verdict, self.filter.estimate)
         if self._observer is not None:
             self._observer.sample(kind, row, verdict, self.filter.estimate)
@@ -305,28 +392,63 @@ class Pipeline:
         """What is due now that the vehicle's clock has moved: health, ALTITUDE if the estimate is
         new, DEBUG."""
         now_us, estimate = self.now_us, self.filter.estimate
-        changed = (used or self.health.is_due(now_us)) and self.health.assess(now_us, estimate)
-        health = self.health.health
         messages: list[Message] = []
+        changed = False
+        if used or self.health.is_due(now_us):
+            objection = self.checker.objection(now_us, float(estimate[0]["altitude_amsl_m"]))
+            changed = self.health.assess(now_us, estimate, objection)
+            if self.checker.asks_restart(now_us, supported=self.health.has_altitude):
+                self._restart_estimator()
+        health = self.health.health
         if used:
             altitude = self.outputs.altitude(now_us, health, estimate)
             if altitude is not None:
+                self._tell_source(self.outputs.source)
                 messages.append(altitude)
                 if self._observer is not None:
                     self._observer.published(altitude)
         if not self._sends:
             return []
         if changed:
-            messages += self.outputs.status_text(health, self.health.reason)
+            self._tell_health()
         messages += self.outputs.debug(now_us, health, estimate, self.filter.state)
         return self._encode(messages) if messages else []
 
+    def _publish(self, own_height: Message) -> list[bytes]:
+        """The vehicle's own height in ALTITUDE."""
+        self._tell_source(self.outputs.source)
+        return self._encode([own_height])
+
+    def _tell_source(self, source: Source) -> None:
+        """STATUSTEXT when ALTITUDE carries the vehicle's own height from now on; that it is ours again
+        is what the text about health says."""
+        if source is self._source:
+            return
+        self._source = source
+        if source is Source.VEHICLE and self.settings.publish.statustext:
+            self.texts.say("source", source, mavlink.MAV_SEVERITY_NOTICE, OWN_HEIGHT_TEXT)
+        else:
+            self.texts.retract("source")
+
+    def _restart_estimator(self) -> None:
+        """Start the estimator anew. Observers see its samples only, as another would get them."""
+        row = restart_row(self.now_us, self.now_us)
+        self.filter.step(Kind.STATUS, row)
+        self._tells_air = self._knows_air
+        reason = f"estimator restarted, {self.health.reason}"
+        logger.warning("%s (restart %d)", reason, self.checker.restarts)
+        if self.settings.publish.statustext:
+            text = f"Kollsman: {reason}"
+            self.texts.say("restart", self.checker.restarts, mavlink.MAV_SEVERITY_WARNING, text)
+
     def _encode(self, messages: list[Message]) -> list[bytes]:
-        vehicle = self.identity.vehicle
-        if vehicle is None or not self._sends:
+        if not self._sends:
             return []
-        if self._encoder is None:
-            own = self.settings.identity
-            self._encoder = Encoder(own.system_id or vehicle[0], own.component_id)
-        frames = (self._encoder.encode(message, self.identity.version) for message in messages)
+        own, version = self.identity.own, self.identity.version
+        if self.identity.vehicle is None:
+            version = 2  # an autopilot that can speak MAVLink 2 may wait for it
+        encoder = self._encoders.get(own)
+        if encoder is None:
+            encoder = self._encoders[own] = Encoder(*own)
+        frames = (encoder.encode(message, version) for message in messages)
         return [frame for frame in frames if frame]

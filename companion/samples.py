@@ -1,4 +1,4 @@
-"""The records everything is made of: sample rows, estimate rows, verdicts, and `SampleLog`.
+"""The records: sample rows, estimate rows, verdicts, and `SampleLog`.
 
 A sample is one row of a NumPy structured array; its dtype is its kind. Every row has ``time_us``
 (vehicle boot clock, when the quantity was true), ``arrival_us`` (host clock, when its bytes were
@@ -38,7 +38,8 @@ class Packet(NamedTuple):
 
 
 class Kind(IntEnum):
-    """What a sample measures; also its index in `SampleLog.tables` and in an estimator's counters."""
+    """What a sample measures; also its index in `SampleLog.tables` and in an estimator's
+    counters."""
 
     IMU = 0
     PRESSURE = 1
@@ -52,31 +53,30 @@ class Kind(IntEnum):
 
 
 class Verdict(IntEnum):
-    """What became of a measurement. A measurement never raises."""
+    """Result of a measurement in an estimator. A measurement never raises."""
 
     USED = 0
     GATED = 1
-    """plausible alone, but contradicted by the estimate"""
+    """rejected by the estimator's gate: plausible alone, but inconsistent with the estimate"""
     STALE = 2
     """not newer than the last of its kind and instance, or older than the delay horizon"""
     INVALID = 3
     """not a measurement: NaN, out of physical range, without a fix, or known to be wrong"""
     IGNORED = 4
-    """of a kind this estimator does not use"""
+    """a kind of sample that this estimator does not use"""
 
 
 class Suspicion(IntEnum):
-    """Why a row that is finite and in range must not be believed in absolute terms (field
-    ``suspect``)."""
+    """Why the absolute value of a finite row in range is suspect (field ``suspect``)."""
 
     NONE = 0
     DATUM = 1
-    """barometer and GNSS contradict each other by more than any weather can, and this is the one
-    that moved"""
+    """barometer and GNSS differ by more than weather can explain, and this sensor is the one that
+    changed"""
 
 
 class FaultySensor(IntEnum):
-    """Which sensor is wrong, in an estimator that can tell (field ``faulty``)."""
+    """The sensor that an estimator attributes a fault to (field ``faulty``)."""
 
     NONE = 0
     BAROMETER = 1
@@ -172,8 +172,8 @@ ESTIMATE = np.dtype(
 )
 
 HEIGHT = np.dtype([("time_us", "i8"), ("altitude_amsl_m", "f8"), ("climb_mps", "f8")], align=True)
-"""Truth (SIM_STATE) and the autopilot's own result (GLOBAL_POSITION_INT): compared with, never fed
-to an estimator."""
+"""Truth (SIM_STATE) and the autopilot's own estimate (GLOBAL_POSITION_INT), for comparison only; no
+estimator receives them."""
 
 ORDER = np.dtype([("kind", "i8"), ("row", "i8")], align=True)
 
@@ -210,8 +210,8 @@ def sample(kind: Kind, time_us: int, **values: Any) -> Rows:
 
 
 class Tables(NamedTuple):
-    """What a compiled `run` loops over: the order of arrival and one table a kind (in the order of
-    `Kind`)."""
+    """Input of a compiled `run`: the order of arrival, and one table for each kind in the order of
+    `Kind`."""
 
     order: Rows
     imu: Rows
@@ -232,9 +232,17 @@ class _Column:
         self.array: Rows = np.zeros(64, dtype)
         self.size = 0
 
+    @classmethod
+    def of(cls, array: Rows) -> "_Column":
+        """The column that holds `array`, which it takes over."""
+        column = cls(array.dtype)
+        column.array, column.size = array, array.size
+        return column
+
     def append(self, row: Any) -> int:
         if self.size == self.array.size:
-            self.array = np.concatenate([self.array, np.zeros_like(self.array)])
+            more = np.zeros(max(64, self.size), self.array.dtype)
+            self.array = np.concatenate([self.array, more])
         self.array[self.size] = row
         self.size += 1
         return self.size - 1
@@ -252,6 +260,29 @@ class SampleLog:
         self._order = _Column(ORDER)
         self._truth = _Column(HEIGHT)
         self._autopilot = _Column(HEIGHT)
+
+    @classmethod
+    def of_tables(cls, tables: Mapping[Kind, Rows], truth: Rows | None = None) -> "SampleLog":
+        """A log of whole tables, rows of ``DTYPES[kind]`` each in order of arrival.
+
+        Rows of different kinds are ordered by ``arrival_us``; of rows that arrive at the same time
+        those of the kind that comes first in `Kind` come first. `truth` has rows of `HEIGHT`.
+        """
+        log = cls()
+        sizes = [tables[kind].size if kind in tables else 0 for kind in Kind]
+        kinds = np.repeat(np.array([int(kind) for kind in Kind]), sizes)
+        arrivals = np.zeros(kinds.size, np.int64)
+        order = np.zeros(kinds.size, ORDER)
+        for kind, size in zip(Kind, sizes, strict=True):
+            if size:
+                log._columns[kind] = _Column.of(np.asarray(tables[kind]))
+                arrivals[kinds == kind] = tables[kind]["arrival_us"]
+                order["row"][kinds == kind] = np.arange(size)
+        order["kind"] = kinds
+        log._order = _Column.of(order[np.lexsort((kinds, arrivals))])
+        if truth is not None:
+            log._truth = _Column.of(np.asarray(truth))
+        return log
 
     def append(self, kind: Kind, row: Rows) -> None:
         """Add a one-element array of ``DTYPES[kind]``."""

@@ -13,17 +13,17 @@ from dataclasses import dataclass
 from companion.backlog import Backlog
 from companion.checkpoint import Checkpoint
 from companion.clock import Clock
-from companion.errors import IdentityError, LogFormatError
-from companion.estimators import ESTIMATORS
+from companion.errors import LogFormatError
 from companion.health import Health
 from companion.links import Link
 from companion.logs import LogWriter
-from companion.mavlink.codec import Frame, FrameReject, Message, mavlink
+from companion.mavlink.codec import Frame, Message, mavlink
 from companion.mavlink.identity import Origin, autopilot_name
-from companion.mavlink.streams import StreamRequester, wanted
+from companion.notices import notice
 from companion.pipeline import Observer, Pipeline
-from companion.samples import Kind, Packet, Verdict
+from companion.samples import Kind, Packet
 from companion.settings import CompanionSettings
+from companion.streaming import Streaming
 
 logger = logging.getLogger("kollsman.service")
 
@@ -96,8 +96,9 @@ class Service:
         self.pipeline.on_own_ids(self._own_ids_heard)
         self._checkpoint = checkpoint
         self._resumption = checkpoint.restore(self.pipeline) if checkpoint is not None else None
+        self.pipeline.on_rate_request(self._rate_requested)
+        self._streaming = Streaming(self.pipeline, settings, link.bytes_per_s)
         self._recorder = recorder
-        self._requester: StreamRequester | None = None
         self._recent: deque[bytes] = deque(maxlen=256)
         self._foreign_heartbeats = 0
         start_us = clock.now_us()
@@ -113,17 +114,12 @@ class Service:
     def run(
         self, stop: Callable[[], bool], on_status: Callable[[Status], None] | None = None
     ) -> None:
-        """Serve until `stop()`. `on_status` is called about once a second.
-
-        Raises
-        ------
-        IdentityError
-            Another program on the link uses our ids.
-        """
+        """Serve until `stop()`. `on_status` is called about once a second."""
         while not stop():
             self.turn(POLL_S)
             if on_status is not None and self.clock.now_us() - self._status_us >= STATUS_US:
                 on_status(self.status())
+        self.stop()
 
     def turn(self, timeout_s: float) -> None:
         """One turn of the loop: wait for bytes at most `timeout_s`, handle them, do what is due."""
@@ -133,7 +129,9 @@ class Service:
         self._backlog.received(now_us, timeout_s, bool(data))
         if data:
             self._heard_us, self._flushed = now_us, False
-            frames = self.pipeline.feed(Packet(now_us, data))
+            frames = self.pipeline.feed(Packet(now_us, data), self.link.source)
+            if self.pipeline.frames:
+                self.link.trust()
             self._backlog.handled(now_us, self.pipeline.now_us)
             self._record_heard(now_us)
             self._send(self._current(frames), now_us)
@@ -163,7 +161,7 @@ class Service:
         vehicle = identity.vehicle
         return Status(
             health.health,
-            health.reason,
+            "; ".join([health.reason, *self._streaming.problems]),
             f"{vehicle[0]}/{vehicle[1]} {autopilot_name(identity.autopilot)}"
             if vehicle
             else "no vehicle",
@@ -175,62 +173,29 @@ class Service:
         )
 
     def _housekeeping(self, now_us: int) -> None:
-        identity = self.pipeline.identity
-        if now_us - self._heard_us > self.settings.health.heartbeat_s * 1e6:
-            self._send(self.pipeline.lose("nothing heard from the vehicle"), now_us)
-        if identity.vehicle is not None:
-            if now_us >= self._heartbeat_due_us:
-                self._heartbeat_due_us = now_us + HEARTBEAT_US
-                self._send(self.pipeline.heartbeat(), now_us)
-            self._request_streams(now_us)
+        """What is due by the host's clock. Our heartbeat goes out from the first second on every
+        link, vehicle or not: many peers speak only to who spoke; it stops when this loop does."""
+        self._send(self.pipeline.age(now_us), now_us)
+        if now_us >= self._heartbeat_due_us:
+            self._heartbeat_due_us = now_us + HEARTBEAT_US
+            self._send(self.pipeline.heartbeat(), now_us)
+        path = (self.link.statistics.reconnects, self.pipeline.identity.source)
+        for message in self._streaming.poll(now_us, path):
+            self._send(self.pipeline.encode(message), now_us)
+        self.pipeline.tell_problems(self._streaming.problems)
         if not self._noticed and now_us - self._start_us > NOTICE_US:
             self._noticed = True
-            notice = self.notice()
-            if notice:
-                logger.warning("%s", notice)
+            missing = notice(self.pipeline, self.link)
+            if missing:
+                logger.warning("%s", missing)
 
-    def _request_streams(self, now_us: int) -> None:
-        vehicle = self.pipeline.identity.vehicle
-        if not self.settings.streams.request or vehicle is None:
-            return
-        if self._requester is None:
-            uses = ESTIMATORS[self.settings.estimator].uses
-            requests = wanted(self.settings.streams, uses, self.pipeline.identity.autopilot)
-            listed = ", ".join(f"{request.name} {request.rate_hz:g} Hz" for request in requests)
-            logger.info("asking the vehicle for %s", listed)
-            self._requester = StreamRequester(requests, vehicle)
-        message = self._requester.poll(now_us)
-        if message is not None:
+    def stop(self) -> None:
+        """Say goodbye: the message rates go back to what they were, and ALTITUDE carries the
+        vehicle's own height, at which a ground station's display will stand."""
+        now_us = self.clock.now_us()
+        self._send(self.pipeline.farewell(now_us), now_us)
+        for message in self._streaming.restore():
             self._send(self.pipeline.encode(message), now_us)
-
-    def notice(self) -> str:
-        """What is missing so far and what to check, in one line; empty when nothing is."""
-        pipeline, link = self.pipeline, self.link
-        received = link.statistics.received_bytes
-        if received == 0:
-            check = "check cable, port, baud rate, and that the autopilot sends here"
-            return f"nothing received on {link.url} in 5 s: {check}"
-        if pipeline.decoder.frames == 0:
-            junk = pipeline.decoder.counters[FrameReject.JUNK]
-            check = "check the baud rate, and that the port is set to MAVLink 2"
-            return f"{received} bytes on {link.url} but no MAVLink ({junk} junk): {check}"
-        if pipeline.identity.vehicle is None:
-            check = "check what is connected, or vehicle.system_id"
-            return f"MAVLink on {link.url} but no heartbeat of an autopilot: {check}"
-        for kind, name in (
-            (Kind.PRESSURE, "barometer (SCALED_PRESSURE)"),
-            (Kind.GNSS, "GNSS (GPS_RAW_INT)"),
-        ):
-            if kind not in pipeline.filter.method.uses or pipeline.verdicts[kind][Verdict.USED]:
-                continue
-            heard = sum(pipeline.verdicts[kind])
-            if heard:
-                return f"{heard} messages of the {name} but none usable: wait for a 3D fix, or check the sensor"
-            names = ", ".join(
-                sorted(mavlink.mavlink_map[message_id].msgname for message_id in pipeline.heard)[:8]
-            )
-            return f"no {name} in 5 s, only {names}: check the stream rates of this port (README, recipes)"
-        return ""
 
     def _keep_state(self, now_us: int) -> None:
         if self._resumption is not None and not self._resumption.settled:
@@ -272,20 +237,22 @@ class Service:
             self._recorder = None
 
     def _acknowledged(self, message: Message) -> None:
-        if self._requester is not None:
-            self._requester.acknowledge(message)
+        self._streaming.acknowledge(message, self.clock.now_us())
+
+    def _rate_requested(self, frame: Frame) -> None:
+        self._streaming.other_request(
+            self.clock.now_us(), f"{frame.system_id}/{frame.component_id}"
+        )
 
     def _own_ids_heard(self, frame: Frame) -> None:
         """Our own frames may come back over a forwarding link; heartbeats we did not send mean a
-        second companion."""
+        second program with our ids. It must not end us: anybody could send them."""
         if frame.message_id != mavlink.MAVLINK_MSG_ID_HEARTBEAT or frame.data in self._recent:
             return
         self._foreign_heartbeats += 1
-        if self._foreign_heartbeats >= FOREIGN_HEARTBEATS:
-            ids = f"{frame.system_id}/{frame.component_id}"
-            raise IdentityError(
-                f"another program on {self.link.url} already uses {ids}: stop it, or choose --component-id"
-            )
+        if self._foreign_heartbeats == FOREIGN_HEARTBEATS:
+            self._foreign_heartbeats = 0
+            self.pipeline.yield_ids(self.settings.identity.on_conflict == "next")
 
     def summary(self) -> str:
         """One line for the end of a run."""

@@ -1,4 +1,4 @@
-"""Where estimates go besides the link: CSV, and a log with our ALTITUDE in it."""
+"""Sinks of estimates besides the link: CSV, and a log that contains our ALTITUDE."""
 
 import csv
 import math
@@ -24,7 +24,8 @@ COLUMNS = (
 
 
 class CsvSink:
-    """An observer that writes one line for each update of the estimate; unknown is an empty cell."""
+    """An observer that writes one line for each update of the estimate; unknown is an empty
+    cell."""
 
     def __init__(self, path: Path, health: Callable[[], str]) -> None:
         self._path = path
@@ -55,13 +56,13 @@ class CsvSink:
             raise self._failure(error) from None
 
     def truth(self, time_us: int, altitude_amsl_m: float, climb_mps: float) -> None:
-        """Not in the CSV."""
+        """The CSV does not contain it."""
 
     def autopilot(self, time_us: int, altitude_amsl_m: float, climb_mps: float) -> None:
-        """Not in the CSV."""
+        """The CSV does not contain it."""
 
     def published(self, message: Message) -> None:
-        """Not in the CSV."""
+        """The CSV does not contain it."""
 
     def __enter__(self) -> Self:
         return self

@@ -1,4 +1,4 @@
-"""A JSBSim aircraft in SI units: the only file that knows JSBSim's property names, feet, pounds and
+"""A JSBSim aircraft in SI units. Only this file uses JSBSim's property names, feet, pounds and
 degrees Rankine.
 
 Height is JSBSim's geodetic height, which the simulator takes as height above mean sea level (the
@@ -8,18 +8,13 @@ the air.
 """
 
 import math
-import os
-import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
-from typing import NamedTuple
-from xml.etree import ElementTree
 
 from companion.errors import SimulationError
 from sim import STEP_HZ
+from sim.aircraft_state import G0_MPS2, Controls, Flow, Motion, Truth, Vector
+from sim.airframes import MODELS, Model, load
 
-G0_MPS2 = 9.80665
 _FT = 0.3048
 _LB = 0.45359237
 _PSF = _LB * G0_MPS2 / _FT**2
@@ -28,114 +23,25 @@ _RANKINE_PER_K = 1.8
 _SLUGS_PER_FT3 = _LB * G0_MPS2 / _FT / _FT**3
 """kg/m3 in one"""
 
-Vector = tuple[float, float, float]
 _NOTHING = (0.0,) * 6
 _BURIED = 0.25
-"""The wheels keep the centre of gravity up: not even a hard landing takes this much of its height
-at rest."""
+"""Share of the rest height below which the centre of gravity is in the ground: a hard landing does
+not compress the wheels this far."""
 _CRASH_MPS = 4.0
-"""No undercarriage stands this; JSBSim's would bounce and fly on."""
+"""Sink rate that no landing gear survives; JSBSim's would bounce and fly on."""
 _TIPPED, _TIPPED_M = math.cos(math.radians(24.0)), 0.5
-"""At such a tilt, so near to where the wheels carry it, a wing tip, the nose or the tail is in the
-ground: rotation and touchdown take 11 degrees."""
+"""Tilt (24 degrees) and height above the rest height (m) at which a wing tip, the nose or the tail
+touches the ground; rotation and touchdown need 11 degrees."""
 _ALOFT_ALPHA_DEG = 3.0
-"""Near enough to every aircraft's own at cruise: the autopilot finds it within seconds."""
-
-
-@dataclass(frozen=True)
-class Model:
-    """What JSBSim's files do not say about an aircraft."""
-
-    jsbsim_name: str
-    rest_height_m: float
-    """of the centre of gravity above the runway, on its wheels"""
-    stall_rad: float
-    """angle of attack of the greatest lift"""
-    engines: int = 1
-    """without one, it cannot take off: its flights start aloft"""
-
-
-# Heights at rest: geod-alt-ft less the terrain after a minute on the wheels, brakes on, engines
-# idling. Stall angles: where the lift over alpha in the model's file is greatest, flaps in and
-# elevator neutral; a test reads it there.
-MODELS = {
-    "c172p": Model("c172p", rest_height_m=1.3274, stall_rad=0.28),
-    "737": Model("737", rest_height_m=1.1247, stall_rad=0.23, engines=2),
-    "f16": Model("f16", rest_height_m=1.6602, stall_rad=0.611),
-    "sgs126": Model("sgs126", rest_height_m=0.386, stall_rad=0.21, engines=0),
-}
-
-
-class Truth(NamedTuple):
-    """The aircraft and the air around it at one instant. Angles in b relative to n, rates and
-    forces in b."""
-
-    time_us: int
-    latitude_deg: float
-    longitude_deg: float
-    altitude_amsl_m: float
-    north_mps: float
-    east_mps: float
-    down_mps: float
-    roll_rad: float
-    pitch_rad: float
-    yaw_rad: float
-    roll_rate_radps: float
-    pitch_rate_radps: float
-    yaw_rate_radps: float
-    pressure_pa: float
-    temperature_k: float
-    airspeed_mps: float
-    """calibrated"""
-    on_ground: bool
-
-    @property
-    def climb_mps(self) -> float:
-        return -self.down_mps
-
-
-class Controls(NamedTuple):
-    """What a pilot moves, -1..1 or 0..1. Positive pitches up, rolls right, yaws right."""
-
-    elevator: float = 0.0
-    aileron: float = 0.0
-    rudder: float = 0.0
-    throttle: float = 0.0
-    """below zero, how far the speed brakes are out"""
-    brake: float = 0.0
-    steering: float = 0.0
-    """of the nose wheel"""
-    flaps: float = 0.0
-    gear: float = 1.0
-    """1 is down"""
-    lift_dump: float = 0.0
-    """what dumps the lift after touchdown, where there is such a thing"""
-
-
-class Motion(NamedTuple):
-    """What an ideal IMU at the centre of gravity would average over an interval."""
-
-    specific_force_b_mps2: Vector
-    angular_rate_b_radps: Vector
-    """inertial: it contains the Earth's rotation"""
-
-
-class Flow(NamedTuple):
-    """What disturbs a static port."""
-
-    dynamic_pressure_pa: float
-    sideslip_rad: float
-    height_m: float
-    """of the centre of gravity above the ground"""
-    load: float
-    """upwards, 1 at rest"""
+"""Initial angle of attack aloft. It is close to every aircraft's angle at cruise; the autopilot
+trims the rest within seconds."""
 
 
 class Aircraft:
-    """One aircraft on a runway with its engines running, or `aloft`, stepped at `STEP_HZ`.
+    """One aircraft with its engines running, on a runway or `aloft`, stepped at `STEP_HZ`.
 
-    Raises `SimulationError` when the model is unknown, or when the flight leaves reality: a state
-    that is not finite, a centre of gravity below the ground, or a crash.
+    Raises `SimulationError` when the model is unknown, a state is not finite, the centre of gravity
+    is below the ground, or the aircraft crashes.
     """
 
     def __init__(
@@ -149,26 +55,26 @@ class Aircraft:
         aloft: tuple[float, float] | None = None,
         seed: int = 0,
     ) -> None:
-        """`aloft`: altitude AMSL (m) and calibrated airspeed (m/s) at which the flight begins above
-        the runway."""
+        """`aloft` is the altitude AMSL (m) and the calibrated airspeed (m/s) at which a flight
+        begins above the runway; None begins on the runway."""
         if model not in MODELS:
             raise SimulationError(f"no aircraft '{model}': there are {', '.join(sorted(MODELS))}")
         self._ground_m = field_elevation_m
         self._column: Callable[[float], tuple[float, float, float]] | None = None
         self._rest_height_m = MODELS[model].rest_height_m
         self.stall_rad = MODELS[model].stall_rad
-        """angle of attack of the greatest lift"""
+        """angle of attack of the greatest lift, rad"""
         self._aloft = aloft
         self._wind_mps: Vector = (0.0, 0.0, 0.0)
         self._blown_mps: Vector = (math.nan, math.nan, math.nan)
-        """what of it was last given to JSBSim: nothing yet"""
+        """the wind that JSBSim was given last"""
         self._time_us = 0
         self._step_us = 1_000_000 // STEP_HZ
-        self._fdm = _load(MODELS[model].jsbsim_name)
+        self._fdm = load(MODELS[model].jsbsim_name)
         self._start(MODELS[model], latitude_deg, longitude_deg, heading_deg, seed)
         self._bind(MODELS[model].engines)
         self._sums = _NOTHING
-        """of Nx, Ny, Nz and the inertial rates p, q, r over the last ``_summed`` steps"""
+        """sums of Nx, Ny, Nz and the inertial rates p, q, r over the last ``_summed`` steps"""
         self._summed = 0
 
     def _start(
@@ -212,9 +118,8 @@ class Aircraft:
         self._velocity = tuple(reader(f"velocities/v-{n}-fps") for n in ("north", "east", "down"))
         self._attitude = tuple(reader(f"attitude/{n}-rad") for n in ("phi", "theta", "psi"))
         self._rates = tuple(reader(f"velocities/{axis}-rad_sec") for axis in "pqr")
-        self._column_height = reader(
-            "position/h-sl-ft"
-        )  # what JSBSim's own air goes by: 3 cm from geodetic at 5 km
+        # The height that JSBSim's atmosphere uses: 3 cm from geodetic at 5 km.
+        self._column_height = reader("position/h-sl-ft")
         self._air = tuple(reader(f"atmosphere/{n}") for n in ("P-psf", "T-R"))
         self._flow = tuple(
             reader(n) for n in ("aero/qbar-psf", "aero/beta-rad", "position/geod-alt-ft")
@@ -232,7 +137,7 @@ class Aircraft:
             writer(f"{'gear' if n == 'gear' else 'fcs'}/{n}-cmd-norm") for n in rarely
         )
         self._rare: tuple[float, ...] = ()
-        """what was last written there, but for the left brake, which is the right one's"""
+        """values last written there, without the left brake, which equals the right one"""
         for number in range(engines):
             self._fdm[f"fcs/mixture-cmd-norm[{number}]"] = 1.0
         self._set_air = tuple(writer(f"atmosphere/{n}") for n in ("P-sl-psf", "delta-T"))
@@ -241,13 +146,12 @@ class Aircraft:
         )
 
     def control(self, controls: Controls) -> None:
-        """Move what the pilot moves. What moves rarely is written only then: a write costs 0.1 us."""
+        """Set the controls. Those that change rarely are written only on a change: a write costs
+        0.1 us."""
         elevator, aileron, rudder, throttle, *others = controls
         self._stick[0](-elevator)  # JSBSim's elevator is positive trailing edge down
         self._stick[1](aileron)
-        self._stick[2](
-            -rudder
-        )  # and its rudder positive trailing edge left, as the aerodynamic convention has it
+        self._stick[2](-rudder)  # and its rudder positive trailing edge left
         for write in self._throttles:
             write(max(throttle, 0.0))
         rare = (max(-throttle, 0.0), *others)
@@ -259,15 +163,15 @@ class Aircraft:
     # Weather. It acts on the next step.
 
     def set_air(self, sea_level_pressure_pa: float, temperature_offset_k: float) -> None:
-        """Sea-level pressure, and the deviation of the whole column from the standard temperature."""
+        """Sea-level pressure, and the deviation of the whole column from the standard
+        temperature."""
         self._set_air[0](sea_level_pressure_pa / _PSF)
         self._set_air[1](temperature_offset_k * _RANKINE_PER_K)
 
     def set_column(self, column: Callable[[float], tuple[float, float, float]]) -> None:
-        """A column of one's own in place of JSBSim's, from now on: altitude AMSL (m) -> Pa, K,
-        kg/m3.
+        """Replace JSBSim's atmosphere by `column`: altitude AMSL (m) -> Pa, K, kg/m3.
 
-        JSBSim cannot be given its own column back.
+        JSBSim cannot return to its own atmosphere.
         """
         if self._column is None:
             for name in ("pressure", "temperature", "density"):
@@ -281,7 +185,7 @@ class Aircraft:
         self._write_column()
 
     def _write_column(self) -> None:
-        """What it is where the aircraft is now; needed before every step."""
+        """Give JSBSim the column's air at the aircraft's height; needed before every step."""
         if self._column is None:
             return
         pressure_pa, temperature_k, density_kgpm3 = self._column(self._column_height() * _FT)
@@ -290,18 +194,17 @@ class Aircraft:
         self._override[2](density_kgpm3 / _SLUGS_PER_FT3)
 
     def set_wind(self, north_mps: float, east_mps: float, down_mps: float = 0.0) -> None:
-        """The velocity of the air, that is towards where the wind blows."""
+        """Set the velocity of the air: the direction towards which the wind blows."""
         self._wind_mps = (north_mps, east_mps, down_mps)
         self._blow()
 
     def _blow(self) -> None:
-        """Give JSBSim the wind; to an aircraft on its wheels, no more of it than the models are
-        made for.
+        """Give JSBSim the wind, limited while the aircraft is on its wheels.
 
-        They know air from ahead. Where it comes from beside or behind, the angle of attack of what
-        stands is anything: a parked trainer goes over on its back in a side wind of 5 m/s. So on
-        the wheels a tail wind counts up to half the ground speed, and a side wind up to the
-        airspeed from ahead.
+        The models describe air from ahead. Air from the side or from behind gives an aircraft on
+        the ground a meaningless angle of attack: a parked trainer would be blown over by a side
+        wind of 5 m/s. On the wheels the tail wind is therefore limited to half the ground speed,
+        and the side wind to the airspeed from ahead.
         """
         wind_mps = self._wind_mps
         if any(wind_mps) and self._weight_on_wheels() > 0.5:
@@ -334,10 +237,8 @@ class Aircraft:
     # Time
 
     def settle(self, duration_s: float = 10.0) -> None:
-        """Let the wheels and the idling engine come to rest, brakes on, and call the end of it time
-        zero.
-
-        Aloft there is nothing to wait for."""
+        """Run the dynamics with brakes on until wheels and idling engine are at rest, then set the
+        time to zero. A flight that begins aloft needs no settling."""
         if self._aloft is not None:
             return
         self.control(Controls(brake=1.0))
@@ -346,7 +247,7 @@ class Aircraft:
         self._time_us = 0
 
     def advance(self, steps: int) -> None:
-        """Step the dynamics, summing what an IMU would feel."""
+        """Step the dynamics, and sum specific force and rates for `mean_motion`."""
         self._blow()
         run = self._run
         sum_nx, sum_ny, sum_nz, sum_p, sum_q, sum_r = self._sums
@@ -368,12 +269,10 @@ class Aircraft:
         self._time_us += steps * self._step_us
 
     def mean_motion(self) -> Motion:
-        """The mean over the steps since the last call."""
+        """Mean specific force and rates over the steps since the last call."""
         count = self._summed
         if count == 0:
-            raise SimulationError(
-                "mean_motion was asked for without a step of the dynamics in between"
-            )
+            raise SimulationError("mean_motion needs a step of the dynamics since its last call")
         nx, ny, nz, p, q, r = self._sums
         scale = G0_MPS2 / count
         # JSBSim's Nz is positive upwards, one at rest; the body's z axis points down.
@@ -390,21 +289,21 @@ class Aircraft:
         return bool(self._throttles)
 
     def fuel_kg(self) -> float:
-        """Left in all tanks; without an engine none is ever missing."""
+        """Fuel in all tanks, kg; infinite for an aircraft without an engine."""
         return self._fuel_lb() * _LB
 
     def freeze_fuel(self) -> None:
-        """Burn nothing from now on: the engines run, and the weight stays what it is."""
+        """Stop the fuel burn: the engines run on and the weight stays constant."""
         self._fdm["propulsion/fuel_freeze"] = 1.0
 
     @property
     def rest_height_m(self) -> float:
-        """Of the centre of gravity above the ground, on the wheels."""
+        """Height of the centre of gravity above the ground, on the wheels, m."""
         return self._rest_height_m
 
     @property
     def ground_m(self) -> float:
-        """Height of the field above mean sea level."""
+        """Height of the field above mean sea level, m."""
         return self._ground_m
 
     def position(self) -> tuple[float, float, float]:
@@ -414,18 +313,18 @@ class Aircraft:
 
     def air(self) -> tuple[float, float]:
         """Static pressure (Pa) and air temperature (K) at the aircraft."""
-        if self._column is not None:  # JSBSim's are those of the place before its last step
+        if self._column is not None:  # JSBSim holds the values before its last step
             return self._column(self._column_height() * _FT)[:2]
         return self._air[0]() * _PSF, self._air[1]() / _RANKINE_PER_K
 
     def flow(self) -> Flow:
-        """How the air meets the aircraft."""
+        """Air flow at the aircraft."""
         dynamic_psf, sideslip_rad, altitude_ft = self._flow
         height_m = altitude_ft() * _FT - self._ground_m
         return Flow(dynamic_psf() * _PSF, sideslip_rad(), height_m, self._load_factors[2]())
 
     def truth(self) -> Truth:
-        """The present state, checked to be of this world."""
+        """The present state. Raises `SimulationError` if it is not plausible."""
         lat, lon, alt = self._position
         north, east, down = self._velocity
         roll, pitch, yaw = self._attitude
@@ -480,39 +379,3 @@ class Aircraft:
             f"{self._ground_m:.1f} m, sinking at {truth.down_mps:.1f} m/s, bank {math.degrees(truth.roll_rad):.0f}, "
             f"pitch {math.degrees(truth.pitch_rad):.0f} degrees"
         )
-
-
-def _load(name: str) -> "jsbsim.FGFDMExec":  # type: ignore[name-defined]  # noqa: F821
-    """JSBSim with one model, silent on stdout and writing no files."""
-    os.environ.setdefault(
-        "JSBSIM_DEBUG", "0"
-    )  # read by JSBSim's library when it is first used: no banner
-    import jsbsim
-
-    fdm = jsbsim.FGFDMExec(None)
-    fdm.set_debug_level(0)
-    with tempfile.TemporaryDirectory(prefix="kollsman-") as folder:
-        source = Path(fdm.get_root_dir()) / "aircraft" / name / f"{name}.xml"
-        if _deafened(source, Path(folder) / name):
-            fdm.set_aircraft_path(folder)
-        loaded = fdm.load_model(name)
-    if not loaded:
-        raise SimulationError(f"JSBSim has no model '{name}'")
-    fdm.disable_output()  # some models would write CSV files into the working directory
-    return fdm
-
-
-def _deafened(source: Path, folder: Path) -> bool:
-    """Whether a model would open TCP ports to whoever connects (the 737 does): then `folder` gets a
-    copy without."""
-    if not source.is_file():
-        return False
-    tree = ElementTree.parse(source)
-    listeners = tree.getroot().findall("input")
-    if not listeners:
-        return False
-    for element in listeners:
-        tree.getroot().remove(element)
-    folder.mkdir()
-    tree.write(folder / source.name)
-    return True

@@ -1,13 +1,10 @@
-"""The command ``kollsman-sim``. The only module of the simulator that prints.
+"""The command ``kollsman-sim``. Modules named cli.py print; no others do.
 
-What is heavy (JSBSim, NumPy, pymavlink) is imported by the commands, so that ``--help`` is instant.
+The commands import the heavy packages (JSBSim, NumPy, pymavlink), so that ``--help`` is instant.
 """
 
-import math
-import signal
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from companion.errors import KollsmanError
+from sim.flight_cli import DemoTable, print_summary, run_with_progress
 from sim.studies import cli as fleet
 from sim.studies.goals import cli as evaluation
 
@@ -23,8 +21,6 @@ if TYPE_CHECKING:
     from rich.progress import TaskID
 
     from companion.links import Link
-    from sim.flight import Flight, Progress, Summary
-    from sim.studies.demo import DemoRow
 
 app = typer.Typer(
     name="kollsman-sim",
@@ -45,7 +41,7 @@ Examples:
     kollsman-sim fly weather-change --flavour px4 --link udpout:127.0.0.1:14540 --link udpout:127.0.0.1:14550
   Twenty times as fast, to whoever connects, and to a log:
     kollsman-sim fly weather-change --link tcpin:0.0.0.0:5760 --speed 20 --tlog flight.tlog
-  Your own scenario, another dice:
+  Your own scenario with a different seed:
     kollsman-sim fly my-scenario.yaml --seed 7 --tlog flight.tlog
 """
 
@@ -66,7 +62,7 @@ Examples:
 
 
 def _usage(message: str) -> typer.Exit:
-    """Say in one line what is wrong with the command line; the exception ends with code 2."""
+    """Print one line that says what is wrong with the command line; the exception exits with 2."""
     print(f"kollsman-sim: {message}", file=sys.stderr)
     return typer.Exit(2)
 
@@ -80,50 +76,62 @@ def _speed(text: str) -> float | None:
     except ValueError:
         value = 0.0
     if not 0.01 <= value <= 1000.0:
-        raise _usage(f"--speed '{text}' is neither 'max' nor a number from 0.01 to 1000")
+        raise _usage(f"--speed '{text}' is not valid: give max, or a number from 0.01 to 1000")
     return value
+
+
+_ScenarioArgument = Annotated[
+    str, typer.Argument(help="Name of a scenario (see `list`), or the path of a .yaml file.")
+]
+_LinkOption = Annotated[
+    list[str] | None,
+    typer.Option(help="Link that carries MAVLink; may be given several times.", metavar="URL"),
+]
+_SpeedOption = Annotated[
+    str,
+    typer.Option(
+        help="Simulated seconds a real second, or max. Default: 1 with a link, max to a log alone.",
+        metavar="X|max",
+    ),
+]
+_SeedOption = Annotated[
+    int | None,
+    typer.Option(
+        min=0, help="Seed in place of the scenario's; the same seed gives the same bytes."
+    ),
+]
+_AllStreamsOption = Annotated[
+    bool,
+    typer.Option(
+        "--all-streams", help="Send links the log's message rates, not the flavour's slow ones."
+    ),
+]
+_FlavourOption = Annotated[
+    str,
+    typer.Option(
+        help="Simulated autopilot: ardupilot, px4 or generic. Default: the scenario's.",
+        metavar="AUTOPILOT",
+    ),
+]
 
 
 @app.command(epilog=_FLY_EXAMPLES)
 def fly(
-    scenario: Annotated[
-        str, typer.Argument(help="Name of a scenario (see `list`), or the path of a .yaml file.")
-    ],
+    scenario: _ScenarioArgument,
     *,
-    link: Annotated[
-        list[str] | None,
-        typer.Option(help="Where to speak MAVLink; may be given several times.", metavar="URL"),
-    ] = None,
+    link: _LinkOption = None,
     tlog: Annotated[
-        Path | None, typer.Option(help="Record everything at full rate.", metavar="OUT")
+        Path | None, typer.Option(help="Log file of all messages at full rate.", metavar="OUT")
     ] = None,
-    speed: Annotated[
-        str,
-        typer.Option(
-            help="Times real time, or max. Default: 1 with a link, max to a log alone.",
-            metavar="X|max",
-        ),
-    ] = "",
-    seed: Annotated[
-        int | None, typer.Option(min=0, help="In place of the scenario's; same seed, same bytes.")
-    ] = None,
-    all_streams: Annotated[
-        bool,
-        typer.Option(
-            "--all-streams", help="Links get the log's rates unasked, instead of ArduPlane's 1 Hz."
-        ),
-    ] = False,
-    flavour: Annotated[
-        str,
-        typer.Option(
-            help="ardupilot, px4 or generic. Default: the scenario's.", metavar="AUTOPILOT"
-        ),
-    ] = "",
+    speed: _SpeedOption = "",
+    seed: _SeedOption = None,
+    all_streams: _AllStreamsOption = False,
+    flavour: _FlavourOption = "",
 ) -> None:
     """Fly one scenario to a link, a log, or both."""
     links = link or []
     if not links and tlog is None:
-        raise _usage("nowhere to fly to: give a --link URL, a --tlog FILE, or both")
+        raise _usage("nothing receives the flight: give a --link URL, a --tlog FILE, or both")
     pace = _speed(speed or ("1" if links else "max"))
 
     from companion.links import open_link
@@ -132,7 +140,7 @@ def fly(
     from sim.vehicle.flavours import FLAVOURS
 
     if flavour and flavour not in FLAVOURS:
-        raise _usage(f"--flavour '{flavour}' is none of {', '.join(FLAVOURS)}")
+        raise _usage(f"--flavour '{flavour}' is unknown: give one of {', '.join(FLAVOURS)}")
     face = FLAVOURS[flavour].name if flavour else None
     config = load_scenario(scenario)
     opened: list[Link] = []
@@ -156,7 +164,9 @@ def fly(
 @app.command(epilog=_DEMO_EXAMPLES)
 def demo(
     *,
-    speed: Annotated[str, typer.Option(help="Times real time, or max.", metavar="X|max")] = "20",
+    speed: Annotated[
+        str, typer.Option(help="Simulated seconds a real second, or max.", metavar="X|max")
+    ] = "20",
     scenario: Annotated[
         str, typer.Option(help="Name of a scenario (see `list`).")
     ] = "weather-change",
@@ -164,8 +174,8 @@ def demo(
         Path, typer.Option(help="Folder for the log and the plot.", metavar="DIR")
     ] = Path("out/demo"),
 ) -> None:
-    """Simulator and companion as two processes over UDP: watch the altitudes part while a front
-    passes."""
+    """Fly a scenario with simulator and companion as two processes over UDP, and compare the
+    altitudes."""
     pace = _speed(speed)
     from sim.studies import demo as show
 
@@ -173,7 +183,7 @@ def demo(
         f"starting the companion; then {scenario} flies at {speed}x, and the autopilot receives its ALTITUDE",
         flush=True,
     )
-    tlog = show.fly(scenario, pace, out, _DemoTable().show, lambda text: print(text, flush=True))
+    tlog = show.fly(scenario, pace, out, DemoTable().show, lambda text: print(text, flush=True))
     collector = show.judge(tlog)
     print(
         f"\n{'against truth, after the first minute (m)':42s}{'RMSE':>8s}{'95 %':>8s}{'max':>8s}{'bias':>8s}"
@@ -187,35 +197,6 @@ def demo(
     print(f"\nplot: {picture}\nlog:  {tlog} (try: kollsman replay {tlog})")
 
 
-class _DemoTable:
-    """A line every half simulated minute: truth, and what each source says beside its error."""
-
-    PERIOD_S = 30
-
-    def __init__(self) -> None:
-        self._headed = False
-
-    def show(self, now: "DemoRow") -> None:
-        if round(now.time_s) % self.PERIOD_S:
-            return
-        if not self._headed:
-            self._headed = True
-            head = "".join(
-                f"{name:>17s}" for name in ("GNSS", "barometer", "autopilot", "Kollsman")
-            )
-            print(f"\n{'time':>6s}  {'truth':>8s}{head}   leg", flush=True)
-        cells = "".join(
-            _beside(value, now.truth_m)
-            for value in (now.gnss_m, now.baro_m, now.autopilot_m, now.kollsman_m)
-        )
-        minutes, seconds = divmod(round(now.time_s), 60)
-        print(f"{minutes:3d}:{seconds:02d}  {now.truth_m:6.0f} m{cells}   {now.leg}", flush=True)
-
-
-def _beside(value: float, truth: float) -> str:
-    return f"{value:9.1f} {value - truth:+6.1f} " if math.isfinite(value) else f"{'-':>17s}"
-
-
 app.command(epilog=fleet.CAMPAIGN_EXAMPLES)(fleet.campaign)
 app.command(epilog=fleet.GALLERY_EXAMPLES)(fleet.gallery)
 
@@ -224,10 +205,10 @@ app.command(epilog=fleet.GALLERY_EXAMPLES)(fleet.gallery)
 def list_scenarios(
     *,
     keys: Annotated[
-        bool, typer.Option("--keys", help="Instead, every key of a scenario file, as Markdown.")
+        bool, typer.Option("--keys", help="Print every key of a scenario file as Markdown.")
     ] = False,
 ) -> None:
-    """Show the scenarios that come with the simulator."""
+    """List the scenarios of the simulator."""
     if keys:
         from sim.scenario_keys import page
 
@@ -242,7 +223,7 @@ def list_scenarios(
     table = Table(box=None, pad_edge=False)
     table.add_column("scenario", style="bold")
     table.add_column("aircraft")
-    table.add_column("what it is, and what it should show")
+    table.add_column("flight, and what it should show")
     for name in scenario_paths():
         scenario = load_scenario(name)
         table.add_row(name, scenario.aircraft, f"{scenario.summary} {scenario.expected}".strip())
@@ -261,16 +242,19 @@ def corrupt(
     fault: Annotated[
         list[str] | None,
         typer.Option(
-            help="May be given several times; the first acts first.", metavar="NAME[:key=value,...]"
+            help="Fault to inject; may be given several times, the first acts first.",
+            metavar="NAME[:key=value,...]",
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Same seed, same bytes.")] = 1,
+    seed: Annotated[
+        int, typer.Option(min=0, help="Seed of all faults; the same seed gives the same bytes.")
+    ] = 1,
     show: Annotated[
-        bool, typer.Option("--list", help="Show the faults and their parameters.")
+        bool, typer.Option("--list", help="List the faults and their parameters.")
     ] = False,
 ) -> None:
-    """Copy a log with faults: packets lost, late or out of order, sensors that fail, clocks that
-    jump."""
+    """Copy a log and inject faults: lost, late or reordered packets, failed sensors, clock
+    jumps."""
     if show:
         _print_faults()
         return
@@ -289,16 +273,15 @@ def corrupt(
     console = Console(stderr=True)
     with ProgressBar(console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task(source.name, total=None)
-        found = copy(
-            source,
-            target,
-            faults,
-            seed,
-            lambda done, total: bar.update(task, completed=done, total=total),
-        )
+        report = partial(_report_packets, bar, task)
+        found = copy(source, target, faults, seed, report)
     print(
-        f"{target}: {found.written} of {found.read} packets written, {found.touched} of them changed or at another time"
+        f"{target}: {found.written} of {found.read} packets written, {found.touched} of them changed or delayed"
     )
+
+
+def _report_packets(bar: "Bar", task: "TaskID", done: int, total: int) -> None:
+    bar.update(task, completed=done, total=total)
 
 
 def _print_faults() -> None:
@@ -309,13 +292,13 @@ def _print_faults() -> None:
     from sim.studies.corrupt import parameters, table
 
     shown = Table(box=None, pad_edge=False)
-    for title in ("fault", "parameter", "default", "allowed", "what it is"):
+    for title in ("fault", "parameter", "default", "allowed", "meaning"):
         shown.add_column(title, style="bold" if title == "fault" else None)
     for name, meaning, own in table():
         shown.add_row(name, "", "", "", meaning)
         for row in own:
             shown.add_row("", *row)
-    shown.add_row("all of them", "", "", "", "have these too")
+    shown.add_row("all faults", "", "", "", "have these parameters too")
     for row in parameters(Fault, common=True):
         shown.add_row("", *row)
     Console().print(shown)
@@ -336,7 +319,8 @@ def reproduce(
         Path, typer.Option(help="Folder of the pages and figures.", metavar="DIR")
     ] = Path("out/papers"),
 ) -> None:
-    """Rebuild the simulations of the five papers and hold the estimators against what they print."""
+    """Repeat the simulations of the five papers and compare the estimators with the printed
+    results."""
     from rich.console import Console
     from rich.progress import Progress as ProgressBar
 
@@ -346,7 +330,7 @@ def reproduce(
     keys = list(dict.fromkeys(key.upper() for key in papers or PAPERS))
     unknown = [key for key in keys if key not in PAPERS]
     if unknown:
-        raise _usage(f"no paper '{unknown[0]}'; there are {', '.join(PAPERS)}")
+        raise _usage(f"paper '{unknown[0]}' is unknown: give one of {', '.join(PAPERS)}")
     console = Console(stderr=True)
     with ProgressBar(console=console, transient=True, disable=not console.is_terminal) as bar:
         for key in keys:
@@ -364,83 +348,6 @@ app.command(epilog=evaluation.EXAMPLES)(evaluation.evaluate)
 
 def _report_share(bar: "Bar", task: "TaskID", name: str, fraction: float, what: str) -> None:
     bar.update(task, completed=fraction, description=f"{name}: {what}")
-
-
-def run_with_progress(flight: "Flight") -> "Summary":
-    """Fly with a progress line on stderr; SIGINT and SIGTERM end the flight in good order."""
-    from rich.console import Console
-    from rich.progress import Progress as ProgressBar
-    from rich.progress import SpinnerColumn, TextColumn
-
-    columns = (SpinnerColumn(), TextColumn("{task.description}"))
-    console = Console(stderr=True)
-    progress = ProgressBar(
-        *columns, console=console, transient=True, disable=not console.is_terminal
-    )
-    with progress as bar, _stopped_by_signals(flight):
-        return flight.run(_reporter(bar, flight.scenario.name))
-
-
-def _reporter(bar: "Bar", name: str) -> "Callable[[Progress], None]":
-    task = bar.add_task(name, total=None)
-
-    def report(progress: "Progress") -> None:
-        minutes, seconds = divmod(int(progress.time_s), 60)
-        bar.update(
-            task,
-            description=f"{name}  {minutes:3d}:{seconds:02d}  {progress.truth.altitude_amsl_m:6.0f} m  "
-            f"{progress.truth.climb_mps:+5.1f} m/s  {progress.speed_ratio:5.1f}x  {progress.leg}",
-        )
-
-    return report
-
-
-@contextmanager
-def _stopped_by_signals(flight: "Flight") -> Iterator[None]:
-    def stop(*_: object) -> None:
-        flight.stop()
-
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def print_summary(summary: "Summary", tlog: Path | None, links: "list[Link]") -> None:
-    """What was flown, sent and heard."""
-    minutes, seconds = divmod(summary.duration_s, 60)
-    state = "flown" if summary.completed else "stopped"
-    print(
-        f"{state}: {minutes:.0f} min {seconds:.1f} s of flight in {summary.elapsed_s:.1f} s "
-        f"({summary.speed_ratio:.1f}x real time)"
-    )
-    where = ", ".join([*([str(tlog)] if tlog else []), *(link.url for link in links)])
-    total = summary.sent.total()
-    print(f"sent: {total} messages, {summary.sent_bytes / 1e6:.2f} MB to {where}", end="")
-    print(f" ({summary.dropped} dropped: nobody there)" if summary.dropped else "")
-    print("  " + ", ".join(f"{name} {count}" for name, count in summary.sent.most_common()))
-    if links:
-        _print_heard(summary)
-
-
-def _print_heard(summary: "Summary") -> None:
-    heard = summary.heard
-    if not heard.counts:
-        print("heard: nothing")
-        return
-    onward = f", {summary.forwarded} of them sent on to another link" if summary.forwarded else ""
-    print(f"heard: {heard.counts.total()} messages, {summary.received_bytes / 1e6:.2f} MB{onward}")
-    sources: dict[tuple[int, int], list[str]] = {}
-    for (system_id, component_id, name), count in heard.counts.most_common():
-        sources.setdefault((system_id, component_id), []).append(f"{name} {count}")
-    for (system_id, component_id), names in sorted(sources.items()):
-        print(f"  {system_id}/{component_id}: {', '.join(names)}")
-    if heard.altitude is not None and heard.altitude_us is not None:
-        print(
-            f"  last ALTITUDE: {heard.altitude.altitude_amsl:.1f} m AMSL at {heard.altitude_us / 1e6:.1f} s"
-        )
 
 
 def main() -> None:

@@ -3,8 +3,8 @@
     flight = Flight(load_scenario("short-hop"), tlog=Path("hop.tlog"))
     summary = flight.run()
 
-Within a tick: weather, dynamics, truth, sensors, autopilot, what the links brought, what the
-vehicle sends. Only `run` looks at the host's clock, and only to wait.
+The order within a tick: weather, dynamics, truth, sensors, autopilot, received bytes, sent
+messages. Only `run` reads the host's clock, and only to wait.
 """
 
 import contextlib
@@ -21,7 +21,8 @@ from companion.links import Link
 from companion.logs.tlog import TlogWriter
 from companion.samples import Packet
 from sim import BOOT_UNIX_US, STEPS_PER_TICK
-from sim.aircraft import Aircraft, Truth
+from sim.aircraft import Aircraft
+from sim.aircraft_state import Truth
 from sim.faults.injector import FaultInjector
 from sim.pilot.approach import LandingSite
 from sim.pilot.autopilot import UPDATE_HZ, Autopilot, Mode, Target
@@ -38,39 +39,39 @@ from sim.vehicle.vehicle import Heard, Vehicle
 from sim.weather import Weather
 
 MOTION_US = 1_000_000 // UPDATE_HZ
-"""truth, autopilot and the quickest IMU: every second tick"""
+"""interval of truth, autopilot and the fastest IMU: every second tick"""
 _WEATHER_US = 100_000
 _STRAYED_M = 200.0
-"""from the altitude of a hold; gusts, waves and turns in the scenarios that come with it move it by
-60 m at most"""
+"""largest distance from the altitude of a hold; gusts, waves and turns of the given scenarios reach
+60 m"""
 _LIFTED_M = 3.0
-"""height of the centre of gravity, at most 1.7 m on the wheels, of which no aircraft stands any
-more"""
+"""height of the centre of gravity that no parked aircraft has; on the wheels it is at most 1.7 m"""
 _LATE_S = 0.5
-"""Further behind than this, the pace gives the time up for lost instead of rushing after it."""
+"""Delay behind real time above which the flight does not catch up."""
 _READS_PER_TICK = 32
-"""A flood on a link delays the flight no longer than this many datagrams do."""
+"""Largest number of datagrams that a link reads in a tick, so that a flood does not stop the
+flight."""
 _REPORT_US = 1_000_000
 _AIRBORNE = (Mode.AIRSPEED, Mode.ALTITUDE, Mode.APPROACH)
-"""modes that have nothing to do on the ground"""
+"""modes in which the aircraft must not touch the ground"""
 _NEAR_THE_GROUND = (Mode.PARKED, Mode.FLARE, Mode.ROLL_OUT)
-"""modes in which the lift may end: that is what they are for"""
+"""modes in which the wing may stall"""
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a flight is; a callback gets it once a simulated second."""
+    """Progress of a flight, given to a callback once a simulated second."""
 
     time_s: float
     truth: Truth
     leg: str
     speed_ratio: float
-    """simulated seconds in one of the host's, so far"""
+    """simulated seconds per real second so far"""
 
 
 @dataclass(frozen=True)
 class Summary:
-    """What a flight came to."""
+    """Result of a flight."""
 
     duration_s: float
     completed: bool
@@ -81,7 +82,7 @@ class Summary:
     sent_bytes: int
     dropped: int
     forwarded: int
-    """frames of others that went on to another link"""
+    """frames of other senders that were forwarded to another link"""
     received_bytes: int
     heard: Heard
 
@@ -132,7 +133,7 @@ class Flight:
         self._on_fix = on_fix
         self._airborne = False
         self._received_bytes = 0
-        self._ways: list[FaultInjector] = []
+        self._injectors: list[FaultInjector] = []
         seed = self._seed = scenario.seed if seed is None else seed
         self._start_aircraft(seed)
         face = FLAVOURS[flavour or scenario.flavour]
@@ -146,14 +147,14 @@ class Flight:
         self.vehicle.state.true_air = self.weather.truth
         rates_hz = scenario.streams_hz if all_streams else {}
         self._links = [
-            (link, Port(link.url, self._way(link), rates_hz, full=all_streams, flavour=face))
+            (link, Port(link.url, self._delivery(link), rates_hz, full=all_streams, flavour=face))
             for link in links
         ]
         for _, port in self._links:
             self.vehicle.add_port(port)
         if self._writer is not None:
             self.vehicle.add_port(
-                Port(str(tlog), self._way(None), scenario.streams_hz, full=True, flavour=face)
+                Port(str(tlog), self._delivery(None), scenario.streams_hz, full=True, flavour=face)
             )
 
     def _start_aircraft(self, seed: int) -> None:
@@ -208,8 +209,8 @@ class Flight:
             if self._writer is not None:
                 stack.callback(self._writer.close)
             self._loop(progress, started_s)
-            for way in self._ways:
-                way.due(math.inf)
+            for injector in self._injectors:
+                injector.due(math.inf)
         return self._summary(time.perf_counter() - started_s)
 
     def stop(self) -> None:
@@ -223,8 +224,8 @@ class Flight:
             self.tick()
             if self.time_us > limit_us:
                 raise SimulationError(
-                    f"'{self.scenario.name}' is not over after limit_s = {self.scenario.limit_s:g} s: "
-                    f"still '{self.profile.describe()}'"
+                    f"'{self.scenario.name}' has not ended after limit_s = {self.scenario.limit_s:g} s, in "
+                    f"'{self.profile.describe()}': shorten the profile, or raise limit_s"
                 )
             if self._speed is not None:
                 ahead_s = (self.time_us - flown_us) * 1e-6 / self._speed - (
@@ -277,11 +278,11 @@ class Flight:
                 self._received_bytes += len(data)
                 self.vehicle.receive(port, data)
         self.vehicle.stream()
-        for way in self._ways:
-            way.due(BOOT_UNIX_US + self.time_us)
+        for injector in self._injectors:
+            injector.due(BOOT_UNIX_US + self.time_us)
 
     def _check_fuel(self) -> None:
-        """An aircraft whose engines have stopped flies another profile than the scenario's."""
+        """Raise `SimulationError` when the fuel is used up."""
         if self.aircraft.fuel_kg() <= 0.0:
             raise SimulationError(
                 f"at {self.time_us / 1e6:.2f} s the fuel is used up during '{self.profile.describe()}': "
@@ -289,17 +290,18 @@ class Flight:
             )
 
     def _check_altitude(self, truth: Truth, target: Target) -> None:
-        """Fly-by-wire keeps a wing from stalling; it sinks instead."""
+        """Raise `SimulationError` if a hold loses its altitude: fly-by-wire sinks instead of
+        stalling."""
         if abs(truth.altitude_amsl_m - target.altitude_amsl_m) > _STRAYED_M:
             bank_deg = abs(math.degrees(truth.roll_rad))
             raise SimulationError(
                 f"at {truth.time_us / 1e6:.2f} s the aircraft is at {truth.altitude_amsl_m:.0f} m during "
                 f"'{self.profile.describe()}', at {truth.airspeed_mps:.1f} m/s and {bank_deg:.0f} degrees of bank: "
-                "it cannot hold its altitude so, give the leg less bank_deg or another airspeed_mps"
+                "it cannot hold its altitude; give the leg less bank_deg or another airspeed_mps"
             )
 
     def _motion(self) -> None:
-        """What happens at 50 Hz: truth, autopilot, IMU, GNSS, the vehicle's own estimate."""
+        """The steps at 50 Hz: truth, autopilot, IMU, GNSS, the vehicle's own estimate."""
         state = self.vehicle.state
         state.truth = truth = self.aircraft.truth()
         self._fly(truth)
@@ -332,7 +334,7 @@ class Flight:
         ):
             raise SimulationError(
                 f"at {truth.time_us / 1e6:.2f} s the wind lifted the aircraft off the ground during "
-                f"'{self.profile.describe()}': give it calmer weather"
+                f"'{self.profile.describe()}': reduce the wind of the scenario"
             )
         if truth.on_ground and target.mode in _AIRBORNE:
             raise SimulationError(
@@ -342,24 +344,25 @@ class Flight:
 
     # Where telemetry goes
 
-    def _way(self, link: Link | None) -> Callable[[bytes], bool]:
-        """What takes the frames of a port to `link`, or to the log, through the scenario's faults."""
+    def _delivery(self, link: Link | None) -> Callable[[bytes], bool]:
+        """The delivery of a port's frames to `link`, or to the log, through the scenario's
+        faults."""
         deliver = self._log if link is None else link.send
         if not self.scenario.faults:
             return deliver
         if link is None:
-            way = FaultInjector(
+            injector = FaultInjector(
                 self.scenario.faults, self._seed, self._log_time_us, self._log_packet
             )
         else:
-            way = FaultInjector(
+            injector = FaultInjector(
                 self.scenario.faults,
                 self._seed,
                 self._log_time_us,
                 lambda packet: link.send(packet.data),
             )
-        self._ways.append(way)
-        return way
+        self._injectors.append(injector)
+        return injector
 
     def _log(self, frame: bytes) -> bool:
         assert self._writer is not None

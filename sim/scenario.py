@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from companion.config import Settings, load
 from companion.errors import SimulationError
-from sim.aircraft import MODELS, Model
+from sim.airframes import MODELS, Model
 from sim.faults import AnyFault
 from sim.pilot.gains import GAINS
 from sim.pilot.profile import Airspeed, Altitude, Land, Leg, TakeOff
@@ -27,7 +27,7 @@ _REPOSITORY = Path(__file__).parent.parent / "config" / "scenarios"
 
 
 class Sensors(Settings):
-    """Noise parameters, a group a sensor."""
+    """Parameters of the sensors, one group for each."""
 
     barometer: BarometerConfig = BarometerConfig()
     gnss: GnssConfig = GnssConfig()
@@ -36,58 +36,58 @@ class Sensors(Settings):
 
 
 class Runway(Settings):
-    """Where the flight begins."""
+    """The runway at which the flight begins."""
 
     latitude_deg: Annotated[float, Field(ge=-89.0, le=89.0)] = 47.0
-    """of the threshold, geodetic, north positive"""
+    """geodetic latitude of the threshold, north positive"""
     longitude_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = 8.0
-    """of the threshold, east positive"""
+    """longitude of the threshold, east positive"""
     elevation_m: Annotated[float, Field(ge=-400.0, le=5000.0)] = 300.0
-    """above mean sea level; the ground everywhere"""
+    """elevation of the runway and of all ground above mean sea level"""
     heading_deg: Annotated[float, Field(ge=0.0, lt=360.0)] = 90.0
-    """true, in the direction of take-off and landing"""
+    """true heading of take-off and landing"""
 
 
 class Aloft(Settings):
-    """A flight that begins in the air above the runway, engines running."""
+    """Start in the air above the runway, engines running."""
 
     altitude_amsl_m: Altitude
-    """at which it begins, above mean sea level"""
+    """altitude above mean sea level of the start"""
     airspeed_mps: Airspeed | None = None
-    """calibrated; None is the aircraft's cruise"""
+    """calibrated airspeed of the start; None is the aircraft's cruise"""
 
 
 class Scenario(Settings):
     """One flight. Everything but its name, summary and profile has a default."""
 
     name: Annotated[str, Field(min_length=1, max_length=60, pattern=r"^[a-z0-9][a-z0-9-]*$")]
-    """by which it is called, and its log and pictures; small letters, digits and hyphens"""
+    """name of the scenario, its log and its pictures; lower-case letters, digits and hyphens"""
     summary: Annotated[str, Field(min_length=1, max_length=200)]
-    """what is flown, in a sentence"""
+    """one sentence that describes the flight"""
     expected: str = ""
-    """what the flight should show"""
+    """expected result of the flight"""
     aircraft: str = "c172p"
-    """c172p (trainer), 737 (airliner), f16 (fighter), sgs126 (glider)"""
+    """aircraft: c172p (trainer), 737 (airliner), f16 (fighter), sgs126 (glider)"""
     flavour: FlavourName = "ardupilot"
-    """whose autopilot it looks like to MAVLink clients"""
+    """autopilot that the vehicle simulates towards MAVLink clients"""
     seed: Annotated[int, Field(ge=0, le=2**31 - 1)] = 1
-    """of all that is random: the same seed, the same bytes"""
+    """seed of all random numbers; the same seed gives the same bytes"""
     limit_s: Annotated[float, Field(gt=0.0, le=200_000.0)] = 7200.0
-    """a flight that lasts longer has gone wrong"""
+    """duration above which the flight ends with an error"""
     runway: Runway = Runway()
     aloft: Aloft | None = None
-    """for aircraft without an engine, and whoever has no use for a take-off"""
+    """An aircraft without an engine needs it."""
     endless_fuel: bool = False
-    """whether the engines burn nothing; without it, a flight whose tanks are empty ends with an
+    """whether the engines burn no fuel; if false, a flight whose tanks are empty ends with an
     error"""
     profile: Annotated[tuple[Leg, ...], Field(min_length=1)]
-    """the legs, in the order in which they are flown"""
+    """legs of the flight in their order"""
     weather: WeatherConfig = WeatherConfig()
     sensors: Sensors = Sensors()
     streams_hz: dict[str, Annotated[float, Field(ge=0.0, le=50.0)]] = Field(default_factory=dict)
-    """rates by message name, in place of the full set of a log (and, with --all-streams, of a link)"""
+    """rates by message name; they replace those of a log and, with --all-streams, of a link"""
     faults: tuple[AnyFault, ...] = ()
-    """what goes wrong between the vehicle and whoever listens, on every link and in the log (see
+    """faults between the vehicle and its peers, on every link and in the log (see
     `sim.faults`)"""
 
     @property

@@ -1,22 +1,68 @@
-"""The rules of the house, held by machine: who may import whom, who may print, who may compile, how
-long a file is."""
+"""Rules of the code base: imports, printing, compilation, length of files and functions, module
+map."""
 
 import ast
-import tokenize
+import inspect
+import re
+from collections.abc import Iterable
 from functools import cache
-from io import BytesIO
 from pathlib import Path
 
 import pytest
 from importlinter.cli import lint_imports
 
+from companion.estimators import ESTIMATORS
 from tests.paths import ROOT
 
 FILES = sorted(path for folder in ("companion", "sim") for path in (ROOT / folder).rglob("*.py"))
 COMPILES = "from companion.jit import step"
-LONGEST = 450
-A_WHOLE_PAPER = 650
-"""An estimator is one published system in one file, so that its equations stand together."""
+LONGEST_FILE = 400
+LONGEST_FUNCTION = 50
+LONG_FILES = {
+    # Files above the limit that other work owns. Shorten them and delete their lines.
+    "companion/cli.py",
+    "companion/config.py",
+    "companion/pipeline.py",
+    "companion/mavlink/outputs.py",
+    "companion/mavlink/supervisor.py",
+    "companion/estimators/vertical_bank/exclusion.py",
+    "companion/estimators/vertical_bank/steps.py",
+    "sim/studies/papers/adaptive_fusion.py",
+    "sim/studies/papers/air_data_gnss.py",
+    "sim/studies/papers/baro_gnss_ins.py",
+    "sim/studies/papers/damping_loop.py",
+    "sim/studies/papers/robust_altimeter.py",
+}
+LONG_FUNCTIONS = {
+    # Functions above the limit that other work owns. Shorten them and delete their lines.
+    "companion/cli.py": {"replay"},
+    "companion/config.py": {"_explain"},
+    "companion/live_cli.py": {"run"},
+    "companion/mavlink/streams.py": {"wanted"},
+    "companion/estimators/vertical_bank/exclusion.py": {"integrity_fields"},
+    "companion/estimators/vertical_bank/steps.py": {"on_gnss"},
+    "companion/mavlink/record_scan.py": {"scan_records"},
+    "sim/studies/goals/cli.py": {"evaluate"},
+    "sim/studies/goals/sections/states.py": {"_draw"},
+    "sim/studies/papers/baro_gnss_ins.py": {"_state_rows"},
+    "sim/studies/papers/robust_altimeter.py": {"_claim_rows"},
+}
+SUMMARISED = (
+    # Packages whose modules are not compared with the map, because other work changes them now.
+    # Give each module a line in the map and delete its package here.
+    "companion/",
+    "companion/estimators/",
+    "companion/evaluation/",
+    "companion/intake/",
+    "companion/kernels/",
+    "companion/links/",
+    "companion/logs/",
+    "companion/mavlink/",
+    "sim/",
+    "sim/sensors/",
+    "sim/studies/",
+    "sim/vehicle/",
+)
 
 
 def name_of(path: Path) -> str:
@@ -41,31 +87,9 @@ def imports_of(tree: ast.AST) -> dict[str, str]:
     return found
 
 
-def lines_of_code(path: Path) -> int:
-    """Lines with something other than comments and docstrings on them."""
-    documented: set[int] = set()
-    for node in ast.walk(tree_of(path)):
-        if (
-            isinstance(node, ast.Expr)
-            and isinstance(node.value, ast.Constant)
-            and isinstance(node.value.value, str)
-        ):
-            documented |= set(range(node.lineno, (node.end_lineno or node.lineno) + 1))
-    silent = {
-        tokenize.COMMENT,
-        tokenize.NL,
-        tokenize.NEWLINE,
-        tokenize.INDENT,
-        tokenize.DEDENT,
-        tokenize.ENCODING,
-    }
-    tokens = tokenize.tokenize(BytesIO(path.read_bytes()).readline)
-    busy = {token.start[0] for token in tokens if token.type not in silent | {tokenize.ENDMARKER}}
-    return len(busy - documented)
-
-
 def test_import_contracts() -> None:
-    """Those of pyproject.toml: sim -> companion, estimators without MAVLink, a codec without I/O."""
+    """Those of pyproject.toml: sim -> companion, estimators without MAVLink, a codec without
+    I/O."""
     assert lint_imports(config_filename=str(ROOT / "pyproject.toml"), no_cache=True) == 0
 
 
@@ -79,7 +103,7 @@ def packages_of(path: Path) -> set[str]:
     [
         ("numba", "companion/jit.py"),
         ("llvmlite", "companion/jit.py"),
-        ("jsbsim", "sim/aircraft.py"),
+        ("jsbsim", "sim/airframes.py"),
     ],
 )
 def test_a_heavy_package_has_one_user(package: str, user: str) -> None:
@@ -94,18 +118,51 @@ def test_only_the_command_line_prints() -> None:
 
 
 @pytest.mark.parametrize("path", FILES, ids=name_of)
-def test_every_file_says_what_it_is_for_and_is_no_longer_than_needed(path: Path) -> None:
+def test_every_file_has_a_docstring_and_is_short(path: Path) -> None:
     assert ast.get_docstring(tree_of(path)), "no docstring"
-    is_paper = (
-        path.parent.name == "papers"
-        or path.parent.parent.name == "estimators"
-        or path.parent.name == "estimators"
+    if name_of(path) not in LONG_FILES:
+        lines = len(path.read_text(encoding="utf-8").splitlines())
+        assert lines <= LONGEST_FILE, f"{lines} lines: split the file by role"
+
+
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_every_function_is_short(path: Path) -> None:
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+            lines = (node.end_lineno or node.lineno) - node.lineno + 1
+            if node.name not in LONG_FUNCTIONS.get(name_of(path), set()):
+                assert lines <= LONGEST_FUNCTION, f"{node.name} has {lines} lines"
+
+
+def test_the_module_map_is_the_tree() -> None:
+    """Every package and module of the tree has one line in ARCHITECTURE.md, and vice versa."""
+    text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8").split("## Module map")[1]
+    listed = re.findall(r"^\| `((?:companion|sim)/[^`]*)` \|", text, re.MULTILINE)
+    tree = {
+        f"{name_of(path.parent)}/" if path.name == "__init__.py" else name_of(path)
+        for path in FILES
+    }
+
+    def compared(names: Iterable[str]) -> set[str]:
+        return {name for name in names if not _is_summarised(name)}
+
+    assert len(listed) == len(set(listed)), "a line of the map is repeated"
+    assert compared(listed) == compared(tree)
+
+
+def _is_summarised(name: str) -> bool:
+    if name.endswith("/"):
+        parents = [parent for parent in SUMMARISED if name != parent and name.startswith(parent)]
+        return any(parent.count("/") > 1 for parent in parents)
+    parent = name.rsplit("/", 1)[0] + "/"
+    return parent in SUMMARISED or any(
+        parent.startswith(each) for each in SUMMARISED if each.count("/") > 1
     )
-    assert lines_of_code(path) <= (A_WHOLE_PAPER if is_paper else LONGEST)
 
 
 def test_compiled_code_has_explicit_loops() -> None:
-    """NumPy's linear algebra and reductions need scipy when compiled and differ from it when not."""
+    """NumPy's linear algebra and reductions need scipy when compiled and differ from it when
+    not."""
     for path in FILES:
         for step in _steps(tree_of(path)):
             where = f"{name_of(path)}: {step.name}"
@@ -152,6 +209,22 @@ def test_whoever_compiles_says_so_in_the_line_that_the_cache_looks_for() -> None
     for path in FILES:
         if "companion.jit.step" in imports_of(tree_of(path)).values():
             assert COMPILES in path.read_text(encoding="utf-8"), name_of(path)
+
+
+@pytest.mark.parametrize("name", sorted(ESTIMATORS))
+def test_run_handles_exactly_the_kinds_of_its_method(name: str) -> None:
+    """The compiled loop compares `kind` with the constants of `judging`: one for each step."""
+    method = ESTIMATORS[name]
+    source = inspect.getsource(getattr(method.run, "py_func", method.run))
+    compared = {
+        node.comparators[0].id
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.Compare)
+        and isinstance(node.left, ast.Name)
+        and node.left.id == "kind"
+        and isinstance(node.comparators[0], ast.Name)
+    }
+    assert compared == {kind.name for kind in method.steps}
 
 
 def _steps(tree: ast.Module) -> list[ast.FunctionDef]:

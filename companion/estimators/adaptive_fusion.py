@@ -51,12 +51,11 @@ barometer. The fixed filter keeps (1-K) of every barometer error for ever.
 """
 
 import math
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
 
-import numpy as np
 from pydantic import Field
 
-from companion.config import Settings
 from companion.estimators.judging import (
     GNSS,
     IGNORED,
@@ -72,6 +71,7 @@ from companion.estimators.judging import (
     tally,
 )
 from companion.estimators.method import Method
+from companion.estimators.params import EstimatorSettings
 from companion.jit import step
 from companion.kernels.atmosphere import baro_altitude_m
 from companion.kernels.gnss import gnss_sd_m
@@ -95,20 +95,8 @@ STATE = state_dtype(
     ("sd_m", "f8"),  # the spread to expect
 )
 
-PARAMS = np.dtype(
-    [
-        ("adaptive", "i8"),
-        ("R_B_m2", "f8"),
-        ("R_GPS_m2", "f8"),  # NaN: as the receiver claims
-        ("gnss_sd_floor_m", "f8"),
-        ("gnss_sd_unknown_m", "f8"),
-        ("pressure_drift_mps", "f8"),
-    ],
-    align=True,
-)
 
-
-class AdaptiveFusionSettings(Settings):
+class AdaptiveFusionSettings(EstimatorSettings):
     """Section ``estimators.adaptive-fusion``."""
 
     gain: Literal["adaptive", "fixed"] = "adaptive"
@@ -124,16 +112,14 @@ class AdaptiveFusionSettings(Settings):
     pressure_drift_mps: float = Field(0.01, ge=0, le=10)
     """how fast weather may move the pressure level while there is no fix: .01 m/s is 4 hPa an hour"""
 
-    def params(self) -> Rows:
-        row = rows(PARAMS)
-        claimed = self.gnss_variance_m2 == "claimed"
-        row["adaptive"] = self.gain == "adaptive"
-        row["R_B_m2"] = self.baro_variance_m2
-        row["R_GPS_m2"] = math.nan if claimed else self.gnss_variance_m2
-        row["gnss_sd_floor_m"] = self.gnss_sd_floor_m
-        row["gnss_sd_unknown_m"] = self.gnss_sd_unknown_m
-        row["pressure_drift_mps"] = self.pressure_drift_mps
-        return row
+    def derived(self) -> Mapping[str, Any]:
+        """The letters of the paper."""
+        reported = self.gnss_variance_m2 == "claimed"
+        return {
+            "adaptive": int(self.gain == "adaptive"),
+            "R_B_m2": self.baro_variance_m2,
+            "R_GPS_m2": math.nan if reported else self.gnss_variance_m2,  # NaN: as reported
+        }
 
 
 def init(params: Rows) -> Rows:

@@ -1,1 +1,1 @@
-"""How good an altitude is: errors against truth, and spreads where there is none."""
+"""Evaluation of altitudes: errors against truth, and residuals where there is no truth."""

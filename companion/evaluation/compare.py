@@ -35,18 +35,18 @@ class Result:
     bias_m: float = math.nan
     unbiased_rmse_m: float = math.nan
     takeoff_rmse_m: float = math.nan
-    """of the height above take-off: the source's own, else its altitude since arming or the first
-    climb"""
+    """RMSE of the height above take-off: the source's own, or its altitude since arming or the
+    first climb, m"""
     climb_rmse_mps: float = math.nan
     nees: float = math.nan
-    """mean of (error / claimed standard deviation)^2: 1 is honest, more is overconfident"""
+    """mean of (error / reported standard deviation)^2: 1 is consistent, more is overconfident"""
     median_sd_m: float = math.nan
     baro_residual_m: float = math.nan
-    """rms of altitude - barometer height, without its mean"""
+    """RMS of altitude minus barometer height, without its mean, m"""
     cost_us: float = math.nan
-    """a sample in the compiled loop"""
+    """processor time of a sample in the compiled loop, us"""
     coverage_1: float = math.nan
-    """share of |error| <= claimed standard deviation; .683 of an honest Gaussian, and so on"""
+    """share of |error| <= 1 reported standard deviation; .683 for a consistent Gaussian"""
     coverage_2: float = math.nan
     coverage_3: float = math.nan
     median_level_m: float = math.nan
@@ -69,14 +69,14 @@ class Series:
     attribution: Attribution | None = None
     """of estimators"""
     takeoff_m: Array | None = None
-    """height above take-off, where the source tells it"""
+    """height above take-off, m; None where the source has none"""
     level_m: Array | None = None
     """protection level; None where the source has none"""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """The series of one log, what they were held against, and the table."""
+    """The series of one log, their reference, and the table of results."""
 
     reference: str
     """"truth", or "GNSS" where the log has no truth"""
@@ -85,10 +85,11 @@ class Comparison:
     truth_us: Array
     truth_m: Array
     start_us: float = 0.0
-    """what was before did not count"""
+    """arrival time before which errors do not count"""
 
     def errors_of(self, series: Series) -> tuple[NDArray[np.bool_], Array]:
-        """Whether each altitude counts (late enough), shape (n,), and the errors of those that do."""
+        """Whether each altitude counts (late enough), shape (n,), and the errors of those that
+        do."""
         late = series.times_us >= self.start_us
         return late, series.altitude_m[late] - truth_at(
             series.times_us[late], self.truth_us, self.truth_m

@@ -1,4 +1,4 @@
-"""How well an estimator names the sensor that is wrong: when, whom, and whether without a reason."""
+"""Fault detection of an estimator: delay, attribution to the right sensor, and false alarms."""
 
 import math
 from collections.abc import Sequence
@@ -16,8 +16,7 @@ Accusations = NDArray[np.int64]
 
 
 class Attribution(NamedTuple):
-    """What an estimator said of its sensors over a log, shape (n,) each, on the clock by which the
-    log arrived."""
+    """The faulty sensor that an estimator reports over a log, shape (n,) each, by arrival time."""
 
     times_us: Array
     faulty: Accusations
@@ -26,19 +25,20 @@ class Attribution(NamedTuple):
 
 @dataclass(frozen=True)
 class Detection:
-    """What became of one fault; a time that never came is NaN."""
+    """Detection of one fault; a time that never came is NaN."""
 
     delay_s: float
-    """from the onset until the right sensor is named"""
+    """time from the onset until the right sensor is named, s"""
     since_error_s: float
-    """claimed onset (``faulty_since_us``) when it is first named - true onset"""
+    """reported onset (``faulty_since_us``) when the sensor is first named, minus the true onset,
+    s"""
     named_share: float
-    """of the estimates while the fault lasts: those that name the right sensor"""
+    """share of the estimates during the fault that name the right sensor"""
     wrong_share: float
-    """those that name another one"""
+    """share of the estimates during the fault that name another sensor"""
     cleared_s: float
-    """from the end of the fault until nothing is accused any more; NaN too when nothing was accused
-    at its end"""
+    """time from the end of the fault until no sensor is named, s; NaN too if none was named at its
+    end"""
 
     @property
     def detected(self) -> bool:
@@ -53,7 +53,7 @@ def detection(
     end_us: float,
     sensor: FaultySensor,
 ) -> Detection:
-    """Judge the accusations while `sensor` is wrong, from `onset_us` until before `end_us`
+    """Judge the attribution while `sensor` is wrong, from `onset_us` until before `end_us`
     (``math.inf``: to the end).
 
     `times_us`, `faulty`, `since_us`: time and fields of the estimates, shape (n,), in order of time
@@ -85,7 +85,7 @@ def _cleared_s(
 def false_alarms(
     times_us: Array, faulty: Accusations, windows_us: Sequence[tuple[float, float]] = ()
 ) -> int:
-    """How many accusations begin outside all of `windows_us` (onset, end), when no sensor was
+    """Number of attributions that begin outside all of `windows_us` (onset, end), when no sensor is
     wrong.
 
     An accusation begins where ``faulty`` changes to a sensor; one that outlasts a fault is late,

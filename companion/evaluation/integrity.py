@@ -1,5 +1,4 @@
-"""Whether a claimed spread and a protection level can be believed: coverage, exceedances, Stanford
-diagram.
+"""Integrity of a reported spread and protection level: coverage, exceedances, Stanford diagram.
 
 Errors last, so one error is above its level in many samples. An exceedance therefore begins where
 |error| > level, and two that are less than `EXCEEDANCE_APART_S` apart count as one. That time is the
@@ -7,8 +6,9 @@ correlation time of the slow GNSS error, over which the allocated rate
 (`companion.estimators.vertical_bank.settings.crossing_sigma`) counts one crossing.
 
 The Stanford diagram (Tossaint et al., "The Stanford - ESA integrity diagram", 2007) sets |error|
-against level: above the diagonal all is well, below it the level misleads; beyond the alert limit a
-level makes the system unavailable, and an error whose level is within it is hazardously misleading.
+against level. Above the diagonal the level holds; below it the level is misleading. A level beyond
+the alert limit makes the system unavailable; an error beyond it with a level within it is
+hazardously misleading.
 """
 
 import math
@@ -22,15 +22,15 @@ from companion.evaluation.metrics import Array
 
 EXCEEDANCE_APART_S = 250.0
 LONGEST_STEP_S = 2.0
-"""a gap in a series that is longer counts as no time"""
+"""longest step of a series that counts as time; a longer gap does not count"""
 ALERT_LIMIT_M = 50.0
 """vertical alert limit of an approach with vertical guidance (ICAO Annex 10, APV-I)"""
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """Shares of |error| <= 1, 2, 3 standard deviations (an honest Gaussian: .683, .954, .997), and
-    the mean of (error / standard deviation)^2; NaN of an empty series."""
+    """Shares of |error| <= 1, 2, 3 standard deviations (a consistent Gaussian: .683, .954, .997),
+    and the mean of (error / standard deviation)^2; NaN of an empty series."""
 
     within_1: float
     within_2: float
@@ -40,13 +40,13 @@ class Coverage:
 
 @dataclass(frozen=True)
 class Protection:
-    """How often an error was beyond its protection level."""
+    """Exceedances of a protection level."""
 
     hours: float
     exceedances: int
     """number of exceedances (see the module)"""
     exceeded_share: float
-    """of the samples"""
+    """share of the samples above the level"""
     median_level_m: float
 
     @property
@@ -77,7 +77,8 @@ class Regions:
 
 
 def coverage(error_m: Array, sd_m: Array) -> Coverage:
-    """Of errors and claimed standard deviations, shape (n,) each; pairs with a NaN are left out."""
+    """Coverage of errors by reported standard deviations, shape (n,) each; pairs with a NaN are
+    left out."""
     normal = np.abs(error_m / sd_m)
     normal = normal[np.isfinite(normal)]
     if not normal.size:
@@ -87,8 +88,8 @@ def coverage(error_m: Array, sd_m: Array) -> Coverage:
 
 
 def protection(times_s: Array, error_m: Array, level_m: Array) -> Protection | None:
-    """Of a series in order of time, shape (n,) each; what has a NaN is left out, None when nothing
-    is left."""
+    """Exceedances of a series in order of time, shape (n,) each. Samples with a NaN are left out;
+    None if none is left."""
     known = np.isfinite(error_m) & np.isfinite(level_m)
     if not known.any():
         return None
@@ -104,13 +105,13 @@ def protection(times_s: Array, error_m: Array, level_m: Array) -> Protection | N
 
 
 def count_exceedances(times_s: Array, apart_s: float = EXCEEDANCE_APART_S) -> int:
-    """How many groups of instants (in order) there are, groups being at least `apart_s` apart."""
+    """Number of groups of instants (in order) that are at least `apart_s` apart."""
     return int(times_s.size and 1 + np.count_nonzero(np.diff(times_s) >= apart_s))
 
 
 def poisson_interval(count: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Exact (Garwood's) confidence interval of the mean of a Poisson variable that came out as
-    `count`."""
+    """Exact (Garwood's) confidence interval of the mean of a Poisson variable with the
+    outcome `count`."""
     tail = 0.5 * (1.0 - confidence)
     low = _solve(count, lambda mean: 1.0 - _at_most(count - 1, mean) < tail) if count > 0 else 0.0
     return low, _solve(count, lambda mean: _at_most(count, mean) > tail)
@@ -134,7 +135,7 @@ def _at_most(count: int, mean: float) -> float:
 
 
 def regions(error_m: Array, level_m: Array, alert_limit_m: float = ALERT_LIMIT_M) -> Regions:
-    """Of a series, shape (n,) each; what has a NaN is left out."""
+    """Regions of a series, shape (n,) each; samples with a NaN are left out."""
     known = np.isfinite(error_m) & np.isfinite(level_m)
     size, level = np.abs(error_m[known]), level_m[known]
     if not size.size:

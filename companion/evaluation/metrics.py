@@ -10,8 +10,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Errors:
-    """Of one source: root mean square, 95th percentile and maximum of |error|, mean, and rms
-    without the mean."""
+    """Errors of one source: RMS, 95th percentile and maximum of |error|, mean, and RMS without the
+    mean."""
 
     count: int
     rmse_m: float

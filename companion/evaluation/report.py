@@ -1,5 +1,5 @@
-"""What a replay found: counts by verdict, the altitude in short, and errors against truth beside
-those of others."""
+"""The report of a replay: counts by verdict, a summary of the altitude, and errors of each source
+against truth."""
 
 import math
 from typing import Any
@@ -14,7 +14,7 @@ from companion.pipeline import Pipeline
 from companion.samples import Kind, Rows, Verdict
 
 SETTLE_S = 60.0
-"""the first minute is for every estimator to find its start"""
+"""time after the first sample whose errors do not count: estimators initialise"""
 
 
 class _Track:
@@ -129,6 +129,28 @@ def build(
         for kind in Kind
         if any(pipeline.verdicts[kind])
     }
+    return _plain(
+        {
+            "estimator": pipeline.filter.method.name,
+            "vehicle": f"{identity.vehicle[0]}/{identity.vehicle[1]}" if identity.vehicle else None,
+            "duration_s": collector.duration_s,
+            "reboots": pipeline.intake.clock.reboots,
+            "health": pipeline.health.health.name,
+            "samples": samples,
+            "set_aside": {
+                str(cause): count for cause, count in pipeline.intake.counters.items() if count
+            },
+            "frames": {str(origin): count for origin, count in identity.counters.items() if count},
+            "damage": damage | {str(c): n for c, n in pipeline.decoder.counters.items() if n},
+            "altitude": _altitude(collector),
+            "settle_s": settle_s,
+            "errors": _errors(collector, settle_s),
+        }
+    )
+
+
+def _altitude(collector: Collector) -> dict[str, Any]:
+    """Counts and extremes of the estimated altitude, in m and m/s."""
     altitudes_m = collector.track("estimate")[1]
     known = np.isfinite(altitudes_m)
     spread_m, climb_mps = collector.spread()[known], collector.climb()[known]
@@ -146,29 +168,17 @@ def build(
             "max_climb_mps": _extreme(climb_mps, np.nanmax),
             "max_sink_mps": _extreme(climb_mps, np.nanmin),
         }
+    return altitude
+
+
+def _errors(collector: Collector, settle_s: float) -> dict[str, Any]:
+    """Errors against truth of each source that has any, by name."""
     against_truth = {}
     for name, label in SOURCES.items():
         found = collector.errors(name, settle_s)
         if found is not None:
             against_truth[name] = {"label": label, **found.as_dict()}
-    return _plain(
-        {
-            "estimator": pipeline.filter.method.name,
-            "vehicle": f"{identity.vehicle[0]}/{identity.vehicle[1]}" if identity.vehicle else None,
-            "duration_s": collector.duration_s,
-            "reboots": pipeline.intake.clock.reboots,
-            "health": pipeline.health.health.name,
-            "samples": samples,
-            "set_aside": {
-                str(cause): count for cause, count in pipeline.intake.counters.items() if count
-            },
-            "frames": {str(origin): count for origin, count in identity.counters.items() if count},
-            "damage": damage | {str(c): n for c, n in pipeline.decoder.counters.items() if n},
-            "altitude": altitude,
-            "settle_s": settle_s,
-            "errors": against_truth,
-        }
-    )
+    return against_truth
 
 
 def _extreme(values: Array, choose: Any) -> float:

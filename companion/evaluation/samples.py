@@ -1,4 +1,4 @@
-"""A recorded log as a `SampleLog`: what the compiled loops run over."""
+"""A recorded log as a `SampleLog`, the input of the compiled loops."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -10,8 +10,7 @@ from companion.samples import Kind, Rows, SampleLog, Verdict
 from companion.settings import CompanionSettings
 
 BOOT_US = 1 << 50
-"""added for each boot to the times of truth, so that every instant of a log with several boots is a
-different one"""
+"""offset added for each boot to the times of truth, so that times of several boots differ"""
 
 
 class _Tap:
@@ -57,7 +56,8 @@ def samples_of(
     settings: CompanionSettings | None = None,
     on_progress: Callable[[float], None] | None = None,
 ) -> SampleLog:
-    """The samples of a log, placed and screened as live ones are. Raises `LogFormatError`.
+    """The samples of a log, with the vehicle clock and plausibility check of live ones. Raises
+    `LogFormatError`.
 
     `on_progress` is called with the fraction read.
     """

@@ -1,7 +1,14 @@
 """Readings in, sample rows out: the vehicle clock and the plausibility check. Knows no estimator."""
 
-from companion.intake.rows import Intake, SampleReject
+from companion.intake.rows import Intake, SampleReject, restart_row
 from companion.intake.settings import IntakeSettings
 from companion.intake.vehicle_clock import Clockwork, VehicleClock
 
-__all__ = ["SampleReject", "Clockwork", "Intake", "IntakeSettings", "VehicleClock"]
+__all__ = [
+    "Clockwork",
+    "Intake",
+    "IntakeSettings",
+    "SampleReject",
+    "VehicleClock",
+    "restart_row",
+]

@@ -47,7 +47,7 @@ class Intake:
         time_us : of the reading; None when it is left out (counted).
         reboot : a STATUS row that must go to the estimator first; None when the clock did not restart.
         """
-        clockwork, time_us = self.clock.place(reading, source)
+        clockwork, time_us = self.clock.place(reading, source, arrival_us)
         if clockwork is Clockwork.DOUBT or not 0 <= reading.instance < MAX_INSTANCES:
             self.counters[
                 SampleReject.NO_CLOCK if self.clock.now_us < 0 else SampleReject.CLOCK
@@ -85,6 +85,11 @@ class Intake:
     def _reboot(self, time_us: int, arrival_us: int) -> Rows:
         logger.warning("the vehicle's clock restarted at %.1f s: starting anew", time_us * 1e-6)
         self.datum.restart()
-        row = rows(DTYPES[Kind.STATUS])
-        row[0] = (time_us, arrival_us, 0, -1, -1, 1)
-        return row
+        return restart_row(time_us, arrival_us)
+
+
+def restart_row(time_us: int, arrival_us: int) -> Rows:
+    """The STATUS row, shape (1,), that lets an estimator start anew."""
+    row = rows(DTYPES[Kind.STATUS])
+    row[0] = (time_us, arrival_us, 0, -1, -1, 1)
+    return row

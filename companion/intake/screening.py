@@ -83,7 +83,8 @@ class DatumScreen:
         height_m, sd_m = float(value["altitude_amsl_m"]), float(gnss_sd_m(row, 0.0, 0.0))
         credible = value["fix_type"] >= 3 and LOWEST_GNSS_M <= height_m <= HIGHEST_GNSS_M
         baro = self._baros.get(0)
-        if credible and sd_m <= self._settings.credible_gnss_sd_m:
+        is_late = self._gnss is not None and value["time_us"] < self._gnss.time_us
+        if credible and not is_late and sd_m <= self._settings.credible_gnss_sd_m:
             self._gnss = _Gnss(int(value["time_us"]), height_m, sd_m)
             if baro is not None and abs(self._gnss.time_us - baro.time_us) < PAIR_US:
                 self._judge_step(0, baro, self._gnss, self._gnss.time_us)
@@ -100,6 +101,8 @@ class DatumScreen:
         baro = self._baros.get(instance)
         if baro is None:
             baro = self._baros[instance] = _Baro(time_us, height_m, time_us)
+        elif time_us < baro.time_us:
+            return  # a late copy
         elif height_m != baro.height_m:
             baro.changed_us = time_us
         baro.time_us, baro.height_m = time_us, height_m

@@ -12,10 +12,13 @@ class IntakeSettings(Settings):
     """age of a GNSS height when the autopilot stamps it: receivers of the u-blox class take 0.1 to
     0.2 s"""
     reorder_s: float = Field(2.0, gt=0, le=10)
-    """a stamp that is this far from the newest one, either way, is a restart, a gap or damaged: it
-    needs a witness"""
+    """a stamp that is this many seconds ahead of the newest one is a gap or damaged: a second
+    consistent stamp is required"""
+    late_s: float = Field(10.0, gt=0, le=60)
+    """a stamp that is this many seconds behind the newest one is a late copy over a second path; a
+    stamp further behind is a reboot or damaged: a second consistent stamp is required"""
     gap_s: float = Field(10.0, gt=0, le=3600)
-    """how soon after such a stamp a second one must agree with it"""
+    """seconds of the vehicle's clock within which a second stamp must follow such a one"""
     datum_limit_m: float = Field(700.0, gt=0, le=10_000)
     """barometer and GNSS may differ by this, more than twice what the deepest low can do, ..."""
     datum_limit_ratio: float = Field(0.15, ge=0, le=1)

@@ -3,12 +3,15 @@
 from enum import StrEnum
 
 from companion.intake.settings import IntakeSettings
+from companion.intake.source_clock import Skew, Unit
 from companion.mavlink.convert import Reading, TimeBase
 
 WRAP_MS = 1 << 32
 WRAP_MARGIN_MS = 600_000
 UNIX_STAMP_US = 1_000_000_000_000_000
 """A stamp above this (2001 as UNIX time, 31 years as boot time) counts from 1970."""
+SESSION_US = 3_600_000_000
+"""A gap in which so much more time passed than the boot clock counted has a restart in it."""
 
 
 class Clockwork(StrEnum):
@@ -22,10 +25,11 @@ class Clockwork(StrEnum):
 class VehicleClock:
     """The vehicle's boot clock as its stamps tell it.
 
-    A discontinuity needs two witnesses: one stamp far from the clock is set aside; a second one
-    that agrees with it moves the clock. Backwards is a reboot, forwards a gap in what we heard.
-    Only stamps that surely count from boot are witnesses; the others may run ahead of them, but not
-    away.
+    A discontinuity needs a second stamp that agrees with the first. Forwards it is a gap in what we
+    heard, or another session when the recorder's clock says that hours passed; backwards by more
+    than `late_s` it is a reboot. Less is a late copy over a second path: it keeps its time. Only
+    stamps that surely count from boot move the clock; the others may run ahead of them, but not
+    away. A stamp of 0, or in the wrong unit, is none.
     """
 
     def __init__(self, settings: IntakeSettings) -> None:
@@ -33,49 +37,61 @@ class VehicleClock:
         self.reboots = 0
         self._reorder_us = round(settings.reorder_s * 1e6)
         self._gap_us = round(settings.gap_s * 1e6)
+        self._late_us = round(settings.late_s * 1e6)
+        self._arrival_us = 0
         self._witness_us: int | None = None
         self._wraps = 0
         self._boot_us = -1
         """the newest stamp that surely counts from boot"""
+        self._units: dict[int, Unit] = {}
+        self._forget()
+
+    def _forget(self) -> None:
+        """Forget what was learned of the other bases."""
         self._unix_offset_us: int | None = None
         self._offsets: dict[int, int] = {}
+        self._bases: dict[int, str] = {}
         self._repeats: dict[int, tuple[int, int]] = {}
+        self._skews: dict[int, Skew] = {}
 
-    def place(self, reading: Reading, source: int) -> tuple[Clockwork, int]:
+    def place(self, reading: Reading, source: int, arrival_us: int = 0) -> tuple[Clockwork, int]:
         """What `reading`'s stamp does to the clock, and its time. `source` tells messages with own
-        clocks apart."""
-        if reading.base is TimeBase.NONE:
+        clocks apart; `arrival_us` is the host's or recorder's clock."""
+        base = reading.base
+        if base is not TimeBase.NONE and reading.stamp_us != 0:
+            unit = self._units.setdefault(source, Unit(source))
+            unit.note(reading.stamp_us, arrival_us)
+            base = TimeBase.NONE if unit.is_wrong else base
+        if base is TimeBase.NONE or reading.stamp_us == 0:
             return (Clockwork.TICK if self.now_us >= 0 else Clockwork.DOUBT), self.now_us
-        if reading.base is TimeBase.BOOT:
-            return self.tick(self._unwrapped(reading.stamp_us))
+        if base is TimeBase.BOOT:
+            return self.tick(self._unwrapped(reading.stamp_us), arrival_us)
         if self.now_us < 0:
             return Clockwork.DOUBT, -1
         return Clockwork.TICK, self._mapped(reading.stamp_us, source)
 
-    def tick(self, time_us: int) -> tuple[Clockwork, int]:
+    def tick(self, time_us: int, arrival_us: int = 0) -> tuple[Clockwork, int]:
         """Take a boot time as heard."""
         if self.now_us < 0:
             self.now_us = self._boot_us = time_us
-            return Clockwork.TICK, time_us
-        if abs(time_us - self.now_us) <= self._reorder_us:
+        if -self._late_us <= time_us - self.now_us <= self._reorder_us:
             self.now_us = max(self.now_us, time_us)
-            self._witness_us = None if time_us >= self._boot_us else self._witness_us
-            self._boot_us = max(self._boot_us, time_us)
+            if time_us >= self._boot_us:
+                self._boot_us, self._witness_us, self._arrival_us = time_us, None, arrival_us
             return Clockwork.TICK, time_us
         witness_us, self._witness_us = self._witness_us, time_us
         if witness_us is None or not -self._reorder_us <= time_us - witness_us <= self._gap_us:
             return Clockwork.DOUBT, time_us
         self._witness_us = None
-        went_back = time_us < self.now_us
-        if not went_back:
+        passed_us, self._arrival_us = arrival_us - self._arrival_us, arrival_us
+        ahead_us = time_us - self.now_us
+        if ahead_us > 0 and passed_us - ahead_us < SESSION_US:
             self.now_us = self._boot_us = time_us
             return Clockwork.TICK, time_us
         self.now_us = self._boot_us = time_us = time_us - self._wraps * WRAP_MS * 1000
         self.reboots += 1
         self._wraps = 0
-        self._unix_offset_us = None
-        self._offsets.clear()
-        self._repeats.clear()
+        self._forget()
         return Clockwork.REBOOT, time_us
 
     def note_unix(self, unix_us: int, boot_us: int) -> None:
@@ -97,28 +113,33 @@ class VehicleClock:
     def _mapped(self, stamp_us: int, source: int) -> int:
         """A stamp that may count from boot, from 1970 or from anything, on the boot clock.
 
-        The first base under which it is near the clock; else the base is learned from this stamp. A
-        stamp that repeats stays where it was: a dead GNSS receiver repeats its last fix.
+        The base that served this source last, even if the stamp is late; else the first under which
+        it is near the clock; else one learned from this stamp. A stamp that repeats stays where it
+        was: a dead GNSS receiver repeats its last fix.
         """
-        if stamp_us == 0:
-            return self.now_us
         last = self._repeats.get(source)
         if last is not None and last[0] == stamp_us:
             return last[1]
-        time_us = self.now_us
-        bases = ((0, False), (self._unix_offset_us, False), (self._offsets.get(source), True))
-        for offset_us, is_learned in bases:
-            if offset_us is not None and self._is_near(stamp_us - offset_us, is_learned):
-                time_us = stamp_us - offset_us
+        offsets = {"boot": 0, "unix": self._unix_offset_us, "own": self._offsets.get(source)}
+        served = self._bases.get(source)
+        for name in sorted(offsets, key=lambda name: name != served):
+            offset_us = offsets[name]
+            late_us = self._late_us if name == served else self._reorder_us
+            if offset_us is not None and self._is_near(stamp_us - offset_us, late_us, name):
                 break
         else:
-            self._offsets[source] = stamp_us - self.now_us
+            name, offset_us = "own", stamp_us - self.now_us
+            self._offsets[source] = offset_us
+            self._skews.pop(source, None)
+        self._bases[source] = name
+        skew = self._skews.setdefault(source, Skew())
+        time_us = skew.correct(stamp_us - (offset_us or 0), self.now_us, self._boot_us)
         self.now_us = max(self.now_us, time_us)
         self._repeats[source] = (stamp_us, time_us)
         return time_us
 
-    def _is_near(self, time_us: int, is_learned: bool) -> bool:
-        """Within reordering of the clock, and not so far ahead of the boot stamps that these would
-        seem old."""
-        ahead_us = self._reorder_us // 2 if is_learned else self._reorder_us
-        return time_us >= self.now_us - self._reorder_us and time_us <= self._boot_us + ahead_us
+    def _is_near(self, time_us: int, late_us: int, base: str) -> bool:
+        """Not later than `late_us` on the clock, and not so far ahead of the boot stamps that these
+        would seem old."""
+        ahead_us = self._reorder_us // 2 if base == "own" else self._reorder_us
+        return self.now_us - late_us <= time_us <= self._boot_us + ahead_us

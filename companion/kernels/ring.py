@@ -30,7 +30,8 @@ def clear(times_us: NDArray[Any], values: NDArray[Any]) -> None:
 
 @step
 def push(times_us: NDArray[Any], values: NDArray[Any], time_us: int, value: float) -> None:
-    """Add a value in place of the oldest. `time_us` must be newer than every instant in the ring."""
+    """Add a value in place of the oldest. `time_us` must be newer than every instant in the
+    ring."""
     slot = times_us[values.size]
     times_us[slot] = time_us
     values[slot] = value

@@ -5,7 +5,7 @@ drives parsing and help.
     while True:
         data = link.receive(timeout_s=0.1)
 
-Opening raises `LinkError` with one line that says what to do. After that nothing does: see `Link`.
+Opening raises `LinkError` with one line that says what to do. An open link never raises: see `Link`.
 
 Adding a transport is one file with a class ``(Endpoint, Clock) -> Link`` and one line in the table.
 """
@@ -40,7 +40,7 @@ TCP_PORT = 5760
 
 @dataclass(frozen=True)
 class Scheme:
-    """One kind of link: how it is written, what it is for, who reads the URL and who opens it."""
+    """One kind of link: syntax, help, the parser of its URL, and the class that opens it."""
 
     name: str
     aliases: tuple[str, ...]
@@ -48,9 +48,10 @@ class Scheme:
     help: str
     example: str
     parse: Callable[[str, str], Endpoint]
-    """(name, what follows the colon) -> endpoint; ValueError with the reason"""
+    """(name, text after the colon) -> endpoint; raises ValueError with the reason"""
     maker: str
-    """``module:class`` in this package, imported when first used: only serial links need pyserial"""
+    """``module:class`` in this package, imported when first used: only serial links need
+    pyserial"""
 
     def make(self, endpoint: Endpoint, clock: Clock) -> Link:
         module, _, name = self.maker.partition(":")
@@ -124,7 +125,7 @@ _SPELLINGS = {
 
 
 def parse_url(url: str) -> Endpoint:
-    """What `url` says, in any of the accepted spellings; ``str`` of it is the canonical one."""
+    """The endpoint of `url` in any accepted spelling; ``str`` of it is the canonical one."""
     try:
         name, rest = urls.split(url)
     except ValueError as error:
@@ -160,8 +161,8 @@ def open_links(links: Sequence[str], clock: Clock | None = None) -> Link:
 
 
 def open_link(url: str, clock: Clock | None = None) -> Link:
-    """Open a link. `LinkError` when the URL, the address or the port cannot be used; a missing peer
-    is no error."""
+    """Open a link. Raises `LinkError` if the URL, the address or the port cannot be used; a
+    missing peer is no error."""
     endpoint = parse_url(url)
     try:
         return SCHEMES[endpoint.scheme].make(endpoint, clock or SystemClock())
@@ -172,7 +173,8 @@ def open_link(url: str, clock: Clock | None = None) -> Link:
 
 
 def help_text() -> str:
-    """The link URLs as a table for the command line, a line each: syntax, what it is, an example."""
+    """The link URLs as a table for the command line, a line each: syntax, what it is, an
+    example."""
     width = max(len(scheme.syntax) for scheme in _SCHEMES)
     help_width = max(len(scheme.help) for scheme in _SCHEMES)
     return "\n".join(f"{s.syntax:{width}}  {s.help:{help_width}}  {s.example}" for s in _SCHEMES)

@@ -3,6 +3,7 @@
 import logging
 import select
 from abc import ABC, abstractmethod
+from collections.abc import Hashable
 from dataclasses import dataclass
 from enum import Enum
 from typing import Protocol
@@ -42,6 +43,10 @@ class Link(Protocol):
     url: str
     """canonical; shows the real port where the given one was 0"""
     statistics: Statistics
+    source: Hashable
+    """the peer that the last bytes came from, where there may be several; None elsewhere"""
+    bytes_per_s: float | None
+    """what the link carries each way; None where that is unknown or plenty"""
 
     @property
     def state(self) -> LinkState:
@@ -53,6 +58,10 @@ class Link(Protocol):
 
         Peers are learned and lost connections come back in here, so call it often.
         """
+        ...
+
+    def trust(self) -> None:
+        """What the last `receive` brought was MAVLink: its peer may be sent to."""
         ...
 
     def send(self, data: bytes) -> bool:
@@ -73,6 +82,9 @@ class BaseLink(ABC):
     def __init__(self, url: str, clock: Clock) -> None:
         self.url = url
         self.statistics = Statistics()
+        self.source: Hashable = None
+        self.bytes_per_s: float | None = None
+        self._trusted = False
         self._clock = clock
         self._state = LinkState.WAITING
         self._closed = False
@@ -97,6 +109,10 @@ class BaseLink(ABC):
     def descriptors(self) -> list["HasFileno"]:
         """What to wait on for the next bytes; empty where only `receive` can tell."""
         return []
+
+    def trust(self) -> None:
+        """A link with one peer trusts it anyway."""
+        self._trusted = True
 
     def close(self) -> None:
         if not self._closed:
@@ -166,5 +182,6 @@ def readable(source: HasFileno, timeout_s: float) -> bool:
 
 
 def writable(sink: HasFileno, timeout_s: float) -> bool:
-    """Whether `sink` takes bytes, or has connected or failed to, within `timeout_s` of real time."""
+    """Whether `sink` takes bytes, or has connected or failed to, within `timeout_s` of real
+    time."""
     return bool(select.select([], [sink], [], timeout_s)[1])

@@ -14,7 +14,7 @@ from companion.clock import Clock
 from companion.errors import LinkError
 from companion.links.base import Backoff, log
 from companion.links.stream import ByteStream, StreamLink
-from companion.links.urls import AUTO_BAUD, Endpoint
+from companion.links.urls import AUTO_BAUD, Endpoint, is_usb
 from companion.mavlink.codec import Decoder
 
 try:
@@ -34,6 +34,8 @@ WATCH_S = 0.1
 """How often the path of an absent device is looked at."""
 HANG_UP_S = 1.0
 ABSENT = frozenset({errno.ENOENT, errno.ENODEV, errno.ENXIO})
+BITS_PER_BYTE = 10
+"""with start and stop bit"""
 
 
 class _Port:
@@ -78,6 +80,8 @@ class SerialLink(StreamLink):
         self._endpoint = endpoint
         self._lasting: str | None = None
         self._bauds = _BaudSearch() if endpoint.number == AUTO_BAUD else None
+        if endpoint.number != AUTO_BAUD and not is_usb(endpoint.address):
+            self.bytes_per_s = endpoint.number / BITS_PER_BYTE
         try:
             self._connected(self._dial(0.0), "opened")
         except OSError as error:

@@ -1,4 +1,5 @@
-"""Finding addresses and listening on them, with errors that say what to do. Shared by UDP and TCP."""
+"""Finding addresses and listening on them, with errors that say what to do. Shared by UDP and
+TCP."""
 
 import errno
 import os

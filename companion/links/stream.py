@@ -1,5 +1,4 @@
-"""Links over a byte stream that comes and goes (serial, TCP): dial, read, notice the end, dial
-again."""
+"""Links over a byte stream that can end (serial, TCP): connect, read, detect the end, reconnect."""
 
 import contextlib
 from abc import abstractmethod
@@ -23,8 +22,8 @@ class ByteStream(Protocol):
 
 
 class StreamLink(BaseLink):
-    """A link over one `ByteStream` at a time: dials, reads, notices the end, dials again. A transport
-    brings `_dial`."""
+    """A link over one `ByteStream` at a time: dials, reads, notices the end, dials again. A
+    transport brings `_dial`."""
 
     def __init__(self, url: str, clock: Clock, backoff: Backoff | None = None) -> None:
         super().__init__(url, clock)

@@ -13,7 +13,8 @@ from companion.links.urls import Endpoint
 CONNECT_TIMEOUT_S = 2.0
 """A host that does not answer is called again this soon: it may be back."""
 SILENCE_S = 5.0
-"""A client silent for so long (MAVLink has a heartbeat a second) makes room for the next one."""
+"""Time of silence after which a client is replaced by the next one (MAVLink sends a heartbeat each
+second)."""
 
 
 def _tuned(connection: socket.socket) -> socket.socket:

@@ -4,6 +4,7 @@
 import contextlib
 import socket
 import time
+from dataclasses import dataclass
 
 from companion.clock import Clock
 from companion.errors import LinkError
@@ -11,6 +12,9 @@ from companion.links.base import Backoff, BaseLink, HasFileno, readable
 from companion.links.sockets import Address, listener, resolve
 from companion.links.urls import Endpoint
 
+KNOWN_AFTER = 3
+"""datagrams with MAVLink"""
+NEW_PEER_LIFETIME_S = 5.0
 PEER_LIFETIME_S = 60.0
 """A peer not heard for so long is gone. mavp2p uses the same."""
 MAX_PEERS = 16
@@ -19,16 +23,32 @@ RECEIVE_BUFFER_SIZE = 1 << 20
 """Several seconds of telemetry; the kernel grants what its net.core.rmem_max allows."""
 
 
+@dataclass
+class _Peer:
+    """Somebody who was heard, and how often."""
+
+    heard_us: int = 0
+    count: int = 0
+
+    @property
+    def is_known(self) -> bool:
+        return self.count >= KNOWN_AFTER
+
+
 class UdpIn(BaseLink):
-    """Listens. Sends to every peer heard in the last 60 s, so that a vehicle that comes back from
-    another port and a ground station beside it both hear us; of more than 16 the longest silent is
-    forgotten."""
+    """Listens. Sends to every peer whose MAVLink was heard (`trust`) in the last 60 s, so that a
+    vehicle that comes back from another port and a ground station beside it both hear us.
+
+    A source address can be forged to have us flood its owner, so one datagram buys five seconds,
+    three buy a minute. Of more than 16 peers the longest silent is forgotten, new ones first.
+    """
 
     def __init__(self, endpoint: Endpoint, clock: Clock) -> None:
         self._socket = listener(endpoint, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_SIZE)
         super().__init__(str(endpoint._replace(number=self._socket.getsockname()[1])), clock)
-        self._heard_us: dict[Address, int] = {}  # longest silent first
+        self._last: Address | None = None
+        self._peers: dict[Address, _Peer] = {}  # longest silent first
 
     def _receive(self, timeout_s: float) -> bytes:
         self._forget_silent()
@@ -38,19 +58,28 @@ class UdpIn(BaseLink):
             data, peer = self._socket.recvfrom(DATAGRAM_SIZE)
         except OSError:  # the fate of an earlier datagram of ours
             return b""
-        self._heard_us.pop(peer, None)
-        self._heard_us[peer] = self._clock.now_us()
-        if len(self._heard_us) > MAX_PEERS:
-            del self._heard_us[next(iter(self._heard_us))]
-        self._found(f"heard {peer[0]}:{peer[1]}")
+        self.source = self._last = peer
         return data
 
     def descriptors(self) -> list[HasFileno]:
         return [self._socket]
 
+    def trust(self) -> None:
+        address = self._last
+        if address is None:
+            return
+        peer = self._peers.pop(address, None) or _Peer()
+        peer.heard_us, peer.count = self._clock.now_us(), peer.count + 1
+        self._peers[address] = peer
+        if len(self._peers) > MAX_PEERS:
+            others = list(self._peers)[:-1]
+            unknown = (other for other in others if not self._peers[other].is_known)
+            del self._peers[next(unknown, others[0])]
+        self._found(f"heard {address[0]}:{address[1]}")
+
     def _send(self, data: bytes) -> bool:
         self._forget_silent()
-        sent = [self._send_to(peer, data) for peer in self._heard_us]
+        sent = [self._send_to(peer, data) for peer in self._peers]
         return any(sent)
 
     def _send_to(self, peer: Address, data: bytes) -> bool:
@@ -61,13 +90,13 @@ class UdpIn(BaseLink):
         return True
 
     def _forget_silent(self) -> None:
-        oldest_us = self._clock.now_us() - round(PEER_LIFETIME_S * 1e6)
-        while self._heard_us:
-            peer, heard_us = next(iter(self._heard_us.items()))
-            if heard_us >= oldest_us:
-                return
-            del self._heard_us[peer]
-        self._lost("no peer heard for a minute")
+        now_us = self._clock.now_us()
+        for address, peer in list(self._peers.items()):
+            lifetime_s = PEER_LIFETIME_S if peer.is_known else NEW_PEER_LIFETIME_S
+            if now_us - peer.heard_us > round(lifetime_s * 1e6):
+                del self._peers[address]
+        if not self._peers:
+            self._lost("no peer heard for a minute")
 
     def _close(self) -> None:
         self._socket.close()

@@ -155,5 +155,10 @@ def _number(text: str, what: str, low: int, high: int) -> int:
 def _usual_baud(device: str) -> int:
     """115200 where USB goes all the way to the autopilot (it ignores the number), else what
     telemetry ports use."""
+    return USB_BAUD if is_usb(device) else UART_BAUD
+
+
+def is_usb(device: str) -> bool:
+    """Whether USB goes all the way to the autopilot: then the baud rate means nothing."""
     by_id = "/by-id/usb-" in device and "-port" not in device  # FTDI and friends end in -port0
-    return USB_BAUD if by_id or "ttyACM" in device or "usbmodem" in device else UART_BAUD
+    return by_id or "ttyACM" in device or "usbmodem" in device

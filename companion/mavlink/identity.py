@@ -1,22 +1,52 @@
-"""Who speaks: the vehicle we are latched to, another program with our ids, or somebody else.
+"""Identification: which sender is the vehicle, which one is another program with our ids, and who
+are strangers.
 
-One vehicle is latched for the life of the process: the first component whose HEARTBEAT names a real
-autopilot. Ground stations, gimbals, companions that call themselves quadrotors (autopilot INVALID)
-and second vehicles are strangers: what they send is counted and never measured. Once the vehicle
-has sent signed frames, unsigned ones with its ids are forged.
+The vehicle is an autopilot by the type **and** the component of its HEARTBEAT: ground stations,
+cameras, gimbals, antenna trackers, radios and companions are never it, whatever autopilot they
+name. The first one heard is followed at once. Two of them within three seconds, or before either
+has sent sensor data, are refused with a line that names both. From then on one vehicle is followed
+for the life of the process; a single stray heartbeat before it does not count.
+
+Frames with the vehicle's ids are believed from the network address that it speaks from, until that
+one has been silent for three seconds. Once the vehicle has sent signed frames, unsigned ones are
+forged.
 """
 
 import logging
 from collections import Counter
+from collections.abc import Hashable
 from enum import StrEnum
 
 from companion.mavlink.codec import Frame, Message, mavlink
+from companion.samples import Kind
 
 logger = logging.getLogger("kollsman.identity")
 
 OUR_COMPONENT_ID = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER  # 191
+OUR_COMPONENT_IDS = range(191, 195)
+AUTOPILOT_COMPONENT_ID = mavlink.MAV_COMP_ID_AUTOPILOT1  # 1
 SIGNING_TIMEOUT_US = 10_000_000
 """After this long without a signed frame, the vehicle may have been set up anew without signing."""
+SETTLE_US = 3_000_000
+CONFIRM_US = 500_000
+GONE_US = 10_000_000
+SOURCE_US = 3_000_000
+CHANGES = 3
+"""heartbeats in a row that name another autopilot before it is believed"""
+MOST_REMEMBERED = 64
+MOST_NOTES = 20
+
+VEHICLE_TYPES = frozenset(
+    getattr(mavlink, f"MAV_TYPE_{name}")
+    for name in (
+        *("GENERIC", "FIXED_WING", "QUADROTOR", "COAXIAL", "HELICOPTER", "AIRSHIP"),
+        *("FREE_BALLOON", "ROCKET", "GROUND_ROVER", "SURFACE_BOAT", "SUBMARINE", "HEXAROTOR"),
+        *("OCTOROTOR", "TRICOPTER", "FLAPPING_WING", "KITE", "VTOL_DUOROTOR", "VTOL_QUADROTOR"),
+        *("VTOL_TILTROTOR", "VTOL_RESERVED2", "VTOL_RESERVED3", "VTOL_RESERVED4"),
+        *("VTOL_RESERVED5", "VTOL_GYRODYNE", "PARAFOIL", "DODECAROTOR", "DECAROTOR"),
+        *("GENERIC_MULTIROTOR", "SPACECRAFT_ORBITER", "GROUND_QUADRUPED"),
+    )
+)
 
 
 class Origin(StrEnum):
@@ -27,18 +57,41 @@ class Origin(StrEnum):
     STRANGER = "other components"
     EARLY = "before the first heartbeat"
     FORGED = "unsigned in a signed stream"
+    ELSEWHERE = "vehicle's ids from another address"
+
+
+class _Autopilot:
+    """A sender of autopilot heartbeats."""
+
+    def __init__(self, arrival_us: int) -> None:
+        self.first_us = self.last_us = arrival_us
+        self.told = False
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether it was more than one stray heartbeat."""
+        return self.last_us - self.first_us >= CONFIRM_US
 
 
 class Identity:
-    """The vehicle lock.
+    """Which sender is the vehicle.
 
     Parameters
     ----------
-    system_id : latch only this vehicle; None latches the first one heard.
-    component_id : our own component id, on the vehicle's system id.
+    system_id : follow only this vehicle; None follows the first one heard.
+    component_id : our own component id.
+    vehicle_component_id : the component of the vehicle's autopilot.
+    own_system_id : our own system id; None takes the vehicle's.
     """
 
-    def __init__(self, system_id: int | None = None, component_id: int = OUR_COMPONENT_ID) -> None:
+    def __init__(
+        self,
+        system_id: int | None = None,
+        component_id: int = OUR_COMPONENT_ID,
+        *,
+        vehicle_component_id: int = AUTOPILOT_COMPONENT_ID,
+        own_system_id: int | None = None,
+    ) -> None:
         self.component_id = component_id
         self.vehicle: tuple[int, int] | None = None
         self.autopilot = int(mavlink.MAV_AUTOPILOT_GENERIC)
@@ -47,58 +100,231 @@ class Identity:
         """highest MAVLink version heard from the vehicle: we answer in it"""
         self.counters: Counter[Origin] = Counter()
         self.strangers: Counter[tuple[int, int]] = Counter()
+        self.stations: dict[tuple[int, int], int] = {}
+        """ground stations, and when each was last heard"""
+        self.notes: list[str] = []
+        """what the user should know about who speaks, in the order in which it was found"""
+        self.refusal = ""
+        """why no vehicle is followed; empty while one is, or none was heard"""
         self._wanted = system_id
+        self._wanted_component = vehicle_component_id
+        self._own_system_id = own_system_id
+        self._autopilots: dict[tuple[int, int], _Autopilot] = {}
+        self._latched_us = 0
+        self._firm = False
+        self._changes = 0
         self._signed_us: int | None = None
+        self._source: Hashable = None
+        self._source_us = 0
 
-    def origin(self, frame: Frame, arrival_us: int) -> Origin:
-        """Whose `frame` it is, counted."""
-        origin = self._origin(frame, arrival_us)
+    @property
+    def own(self) -> tuple[int, int]:
+        """Our system and component id: the vehicle's system unless configured; 1 before one is
+        known."""
+        system_id = self._own_system_id or (self.vehicle or (self._wanted or 0, 0))[0]
+        return system_id or 1, self.component_id
+
+    def origin(self, frame: Frame, arrival_us: int, source: Hashable = None) -> Origin:
+        """Whose `frame` it is, counted. `source` is the network address it came from."""
+        origin = self._origin(frame, arrival_us, source)
         self.counters[origin] += 1
         return origin
 
-    def _origin(self, frame: Frame, arrival_us: int) -> Origin:
+    def _origin(self, frame: Frame, arrival_us: int, source: Hashable) -> Origin:
         speaker = (frame.system_id, frame.component_id)
+        if speaker == self.own and speaker != self.vehicle:
+            return Origin.OURSELVES
         if self.vehicle is None:
             return Origin.EARLY
         if speaker != self.vehicle:
-            if speaker == (self.vehicle[0], self.component_id):
-                return Origin.OURSELVES
-            self.strangers[speaker] += 1
+            if speaker in self.strangers or len(self.strangers) < MOST_REMEMBERED:
+                self.strangers[speaker] += 1
             return Origin.STRANGER
         if frame.signed:
             self._signed_us = arrival_us
         elif self._signed_us is not None and abs(arrival_us - self._signed_us) < SIGNING_TIMEOUT_US:
             return Origin.FORGED
+        if source != self._source:
+            if 0 <= arrival_us - self._source_us < SOURCE_US:
+                return Origin.ELSEWHERE
+            self._source = source
+        self._source_us = arrival_us
         self.version = max(self.version, frame.version)
         return Origin.VEHICLE
 
-    def offer(self, frame: Frame, heartbeat: Message) -> bool:
-        """Latch the sender of a HEARTBEAT if none is latched and it is an autopilot; True when that
-        happened now."""
-        if (
-            self.vehicle is not None
-            or self._wanted not in (None, frame.system_id)
-            or frame.system_id == 0
-        ):
+    def heartbeat(
+        self, frame: Frame, message: Message, arrival_us: int, source: Hashable = None
+    ) -> bool:
+        """Take a HEARTBEAT of anybody but the vehicle; True when the vehicle is another one now, or
+        none any more."""
+        speaker = (frame.system_id, frame.component_id)
+        if message.type == mavlink.MAV_TYPE_GCS:
+            if speaker in self.stations or len(self.stations) < MOST_REMEMBERED:
+                self.stations[speaker] = arrival_us
             return False
-        if not is_autopilot(heartbeat):
+        if not is_autopilot(message):
             return False
-        self.vehicle = (frame.system_id, frame.component_id)
-        self.version = frame.version
-        self.note(heartbeat)
-        logger.info("vehicle %d/%d: autopilot %s", *self.vehicle, autopilot_name(self.autopilot))
-        return True
+        heard = self._autopilots.get(speaker)
+        if heard is None:
+            if len(self._autopilots) >= MOST_REMEMBERED:
+                return False
+            heard = self._autopilots[speaker] = _Autopilot(arrival_us)
+        heard.last_us = arrival_us
+        if not self._may_be_followed(speaker):
+            self._tell_unfit(speaker, heard, message)
+            return False
+        before = self.vehicle
+        if self.vehicle is None:
+            self._consider(speaker, frame, message, arrival_us, source)
+        elif speaker != self.vehicle:
+            self._compete(speaker, frame, message, arrival_us, source)
+        return self.vehicle != before
 
     def note(self, heartbeat: Message) -> None:
-        """Remember what the vehicle's HEARTBEAT says it is."""
+        """Remember what the vehicle's HEARTBEAT says it is: another autopilot must be named by three
+        in a row."""
+        if heartbeat.autopilot != self.autopilot:
+            self._changes += 1
+            if self._changes < CHANGES:
+                return
+        self._changes = 0
         self.autopilot, self.vehicle_type = heartbeat.autopilot, heartbeat.type
+
+    def measured(self, kind: Kind) -> None:
+        """A sample of the vehicle came: with a height it is more than heartbeats."""
+        self._firm = self._firm or kind in (Kind.PRESSURE, Kind.GNSS)
+
+    def others(self, since_us: int) -> list[str]:
+        """The autopilots and ground stations besides the vehicle that were heard after `since_us`."""
+        pilots = {ids: heard.last_us for ids, heard in self._autopilots.items()}
+        return [
+            f"{'autopilot ' if ids in pilots else ''}{ids[0]}/{ids[1]}"
+            for ids, last_us in (pilots | self.stations).items()
+            if ids != self.vehicle and last_us > since_us
+        ]
+
+    def yield_ids(self, may_move: bool) -> str:
+        """Another program uses our ids: take the next free component id where we may. A line that
+        says what was done."""
+        system_id, component_id = self.own
+        free = [
+            number
+            for number in OUR_COMPONENT_IDS
+            if number != component_id and (system_id, number) not in self.strangers
+        ]
+        text = f"another program uses {system_id}/{component_id}"
+        if may_move and free:
+            self.component_id = free[0]
+            text += f", we are {system_id}/{free[0]} now"
+        if text not in self.notes:
+            self.tell(text)
+        return text
+
+    @property
+    def source(self) -> Hashable:
+        """The network address that the vehicle speaks from, where a link has several."""
+        return self._source
+
+    def tell(self, text: str) -> None:
+        """Log a line about who speaks, and keep it for the report."""
+        logger.warning("%s", text)
+        if len(self.notes) < MOST_NOTES:
+            self.notes.append(text)
+
+    def _may_be_followed(self, speaker: tuple[int, int]) -> bool:
+        system_id, component_id = speaker
+        is_wanted = system_id == self._wanted if self._wanted is not None else system_id != 0
+        return is_wanted and component_id == self._wanted_component
+
+    def _consider(
+        self,
+        speaker: tuple[int, int],
+        frame: Frame,
+        message: Message,
+        arrival_us: int,
+        source: Hashable,
+    ) -> None:
+        """No vehicle is followed: follow this one, unless two were refused and both go on."""
+        if self.refusal and len(self._present(arrival_us)) > 1:
+            return
+        self._latch(speaker, frame, message, arrival_us, source)
+
+    def _compete(
+        self,
+        speaker: tuple[int, int],
+        frame: Frame,
+        message: Message,
+        arrival_us: int,
+        source: Hashable,
+    ) -> None:
+        """Another autopilot beside the vehicle."""
+        assert self.vehicle is not None
+        rival, followed = self._autopilots[speaker], self._autopilots[self.vehicle]
+        if self._firm and arrival_us - self._latched_us > SETTLE_US:
+            if not rival.told and rival.confirmed:
+                rival.told = True
+                self.tell(
+                    f"another autopilot {_ids(speaker)} ({autopilot_name(message.autopilot)}) is heard "
+                    f"beside {_ids(self.vehicle)}: not used; vehicle.system_id chooses"
+                )
+            return
+        if not rival.confirmed:
+            return
+        is_gone = arrival_us - followed.last_us > GONE_US
+        if not self._firm and (is_gone or not followed.confirmed):
+            if is_gone or arrival_us - self._latched_us > SETTLE_US:
+                self._latch(speaker, frame, message, arrival_us, source)
+            return
+        self.refusal = (
+            f"two autopilots, {_ids(self.vehicle)} and {_ids(speaker)}: choose one with "
+            "vehicle.system_id"
+        )
+        self.vehicle = None
+        self.tell(self.refusal)
+
+    def _present(self, arrival_us: int) -> list[tuple[int, int]]:
+        """The autopilots that may be followed and were heard lately."""
+        return [
+            ids
+            for ids, heard in self._autopilots.items()
+            if self._may_be_followed(ids)
+            and heard.confirmed
+            and arrival_us - heard.last_us < GONE_US
+        ]
+
+    def _latch(
+        self,
+        speaker: tuple[int, int],
+        frame: Frame,
+        message: Message,
+        arrival_us: int,
+        source: Hashable,
+    ) -> None:
+        self.vehicle, self.refusal = speaker, ""
+        self.autopilot, self.vehicle_type = message.autopilot, message.type
+        self.version = frame.version
+        self._latched_us = self._source_us = arrival_us
+        self._source, self._firm, self._changes = source, False, 0
+        self._signed_us = None
+        logger.info("vehicle %s: autopilot %s", _ids(speaker), autopilot_name(self.autopilot))
+
+    def _tell_unfit(self, speaker: tuple[int, int], heard: _Autopilot, message: Message) -> None:
+        """One line about an autopilot with ids that are not followed unless configured."""
+        lasts = heard.last_us - heard.first_us >= SETTLE_US
+        if heard.told or not lasts or self.vehicle is not None:
+            return
+        heard.told = True
+        keys = f"vehicle.system_id: {speaker[0]} and vehicle.component_id: {speaker[1]}"
+        self.tell(
+            f"an autopilot with system id {speaker[0]}/{speaker[1]} is heard "
+            f"({autopilot_name(message.autopilot)}): to follow it, set {keys}"
+        )
 
 
 def is_autopilot(heartbeat: Message) -> bool:
     """Whether a HEARTBEAT is of a vehicle's autopilot, not of a ground station or an accessory."""
     return bool(
-        heartbeat.autopilot != mavlink.MAV_AUTOPILOT_INVALID
-        and heartbeat.type != mavlink.MAV_TYPE_GCS
+        heartbeat.autopilot != mavlink.MAV_AUTOPILOT_INVALID and heartbeat.type in VEHICLE_TYPES
     )
 
 
@@ -106,3 +332,7 @@ def autopilot_name(autopilot: int) -> str:
     """A readable name of MAV_AUTOPILOT."""
     names = {mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: "ArduPilot", mavlink.MAV_AUTOPILOT_PX4: "PX4"}
     return names.get(autopilot, f"type {autopilot}")
+
+
+def _ids(speaker: tuple[int, int]) -> str:
+    return f"{speaker[0]}/{speaker[1]}"

@@ -1,18 +1,20 @@
-"""What we tell the vehicle and its ground stations: ALTITUDE, the DEBUG family, STATUSTEXT,
-HEARTBEAT.
+"""The messages to the vehicle and its ground stations: ALTITUDE, the DEBUG family, HEARTBEAT.
 
-ALTITUDE replaces the altitude that QGroundControl shows the pilot, so it is right or it is not
-sent. Its fields:
+ALTITUDE replaces the altitude that QGroundControl shows the pilot. Once it has heard one, it
+ignores GLOBAL_POSITION_INT, so that its display freezes when ALTITUDE stops. So while our height
+may not be sent, at the start and in LOST, the vehicle's own height is sent on in ALTITUDE
+(`Outputs.own_height`), equal to GLOBAL_POSITION_INT to the millimetre. The fields:
 
 ====================  ==========================================================================================
 altitude_monotonic    standard-atmosphere height above the first accepted pressure; joined without a step across a
                       reboot or a change of barometer; NaN while there is no barometer
-altitude_amsl         the fused altitude
-altitude_local        altitude_amsl minus its value at the first valid estimate since boot
-altitude_relative     above HOME_POSITION, else above where it was armed, else NaN
+altitude_amsl         the fused altitude, or the vehicle's own
+altitude_local        altitude_amsl minus its value in the first ALTITUDE since boot
+altitude_relative     the estimator's height above take-off; where it has none the vehicle's own relative height,
+                      else altitude_amsl above HOME_POSITION, else above where it was armed, else NaN
 altitude_terrain,     from a fresh downward range finder, corrected for tilt, else NaN
 bottom_clearance
-time_usec             vehicle boot time of the estimate
+time_usec             vehicle boot time of the estimate, or of the vehicle's own height
 ====================  ==========================================================================================
 
 An altitude that leaps further than a vehicle can is withheld until it comes back or has stayed
@@ -20,6 +22,7 @@ there for two seconds.
 """
 
 import math
+from enum import Enum
 from typing import Literal
 
 import numpy as np
@@ -29,15 +32,21 @@ from companion.config import Settings
 from companion.health import Health
 from companion.kernels.atmosphere import baro_altitude_m, qnh_pa
 from companion.mavlink.codec import Message, mavlink
+from companion.mavlink.convert import OwnHeights, own_heights
 from companion.samples import Kind, Rows, Verdict
 
 FRESH_US = 1_000_000
 VEHICLE_ALTITUDE_US = 5_000_000
 LEAP_US = 2_000_000
 TAKEOVER_S = 2.0
-STATUSTEXT_SIZE = 50
+OWN_HEIGHT_US = 2_000_000
+OURS_MISSING_US = 1_000_000
+VEHICLE_ALTITUDES = 3
+"""so many ALTITUDE of the vehicle's within five seconds: it sends them itself"""
 LARGEST_FLOAT = 3.4028234e38
 FLOAT_ARRAY_SIZE = 58
+LONGEST_ARRAY = 16
+"""Longest array of a state that klState shows: histories are longer."""
 SEVERITY = {
     Health.OK: mavlink.MAV_SEVERITY_INFO,
     Health.DEGRADED: mavlink.MAV_SEVERITY_WARNING,
@@ -50,23 +59,36 @@ SYSTEM_STATUS = {
 }
 
 
+class Source(Enum):
+    """Whose height ALTITUDE carries."""
+
+    NONE = "none"
+    OURS = "ours"
+    VEHICLE = "the vehicle's own"
+
+
 class PublishSettings(Settings):
     """Section ``publish``."""
 
     altitude: Literal["auto", "always", "never"] = "auto"
-    """auto: silent while the vehicle sends ALTITUDE itself"""
+    """whether ALTITUDE is sent; auto: not while the vehicle sends it itself; never: the ground
+    station goes on showing the autopilot's own height"""
     altitude_hz: float = Field(10.0, ge=0.1, le=100)
-    """in vehicle time; a message goes out with the first update after its slot falls due"""
+    """rate of ALTITUDE in vehicle time; a message goes out with the first update after its slot
+    falls due"""
     debug: bool = True
-    """DEBUG, DEBUG_VECT, NAMED_VALUE_FLOAT and DEBUG_FLOAT_ARRAY"""
+    """whether DEBUG, DEBUG_VECT, NAMED_VALUE_FLOAT and DEBUG_FLOAT_ARRAY are sent"""
     debug_hz: float = Field(1.0, ge=0.1, le=50)
-    """of each message of the DEBUG family"""
+    """rate of each message of the DEBUG family"""
     statustext: bool = True
-    """one line for each change of health"""
+    """whether STATUSTEXT tells changes of health, at most one text of a kind in five seconds"""
 
 
 class Schedule:
-    """Slots of vehicle time: the first update after a slot falls due takes it. There is no timer."""
+    """Slots of vehicle time: the first update after a slot falls due takes it. There is no timer.
+
+    An update a tenth of a period early takes it too: stamps of a stream at this very rate jitter.
+    """
 
     def __init__(self, rate_hz: float) -> None:
         self._period_us = round(1e6 / rate_hz)
@@ -75,12 +97,15 @@ class Schedule:
     def takes(self, now_us: int) -> bool:
         """Whether an update at `now_us` is due; if so its slot is used up. A clock that went back
         starts anew."""
-        due_us = self._due_us
-        if due_us is None or now_us >= due_us or now_us < due_us - 2 * self._period_us:
-            behind = due_us is None or now_us >= due_us + self._period_us or now_us < due_us
-            self._due_us = (now_us if behind or due_us is None else due_us) + self._period_us
+        due_us, early_us = self._due_us, self._period_us // 10
+        if due_us is None:
+            self._due_us = now_us + self._period_us
             return True
-        return False
+        if due_us - 2 * self._period_us <= now_us < due_us - early_us:
+            return False
+        is_on_grid = -early_us <= now_us - due_us < self._period_us
+        self._due_us = (due_us if is_on_grid else now_us) + self._period_us
+        return True
 
 
 class Monotonic:
@@ -160,6 +185,8 @@ class Outputs:
     def __init__(self, settings: PublishSettings) -> None:
         self.settings = settings
         self.monotonic = Monotonic()
+        self.source = Source.NONE
+        """whose height the last ALTITUDE carried"""
         self._altitude_slots = Schedule(settings.altitude_hz)
         self._debug_slots = Schedule(settings.debug_hz)
         self._leap = Leap()
@@ -176,16 +203,61 @@ class Outputs:
         self._armed: bool | None = None  # unknown: a vehicle may be met in the air
         self._range: tuple[int, float] | None = None
         self._cos_tilt: tuple[int, float] | None = None
-        self._vehicle_altitude_us: int | None = None
+        self._vehicle_altitudes_us: list[int] = []
+        self._own: OwnHeights | None = None
+        self._ours_us: int | None = None
         self._pressure_pa = math.nan
 
     def vehicle_altitude(self, now_us: int) -> None:
-        """The vehicle sent ALTITUDE itself."""
-        self._vehicle_altitude_us = now_us
+        """The vehicle sent ALTITUDE itself; one alone may be forged."""
+        recent = [us for us in self._vehicle_altitudes_us if abs(now_us - us) < VEHICLE_ALTITUDE_US]
+        self._vehicle_altitudes_us = [*recent[1 - VEHICLE_ALTITUDES :], now_us]
+
+    def own_height(self, message: Message, now_us: int, health: Health) -> Message | None:
+        """Take GLOBAL_POSITION_INT; ALTITUDE with these heights while ours cannot be sent."""
+        own = self._own = own_heights(message)
+        ours_us = self._ours_us
+        is_ours = ours_us is not None and abs(now_us - ours_us) < OURS_MISSING_US
+        if (health is not Health.LOST and is_ours) or not self._may_send(now_us):
+            return None
+        if not self._altitude_slots.takes(own.time_us):
+            return None
+        return self._of_vehicle(own, now_us)
+
+    def last_height(self, now_us: int) -> Message | None:
+        """ALTITUDE with the vehicle's own heights, for the end of a run; None when these are old."""
+        own = self._own
+        if own is None or abs(now_us - own.time_us) > OWN_HEIGHT_US or not self._may_send(now_us):
+            return None
+        return self._of_vehicle(own, now_us)
+
+    def _of_vehicle(self, own: OwnHeights, now_us: int) -> Message:
+        self.source = Source.VEHICLE
+        if math.isnan(self._local_origin_m):
+            self._local_origin_m = own.altitude_amsl_m
+        clearance_m = self._clearance_m(now_us)
+        return mavlink.MAVLink_altitude_message(
+            own.time_us,
+            self.monotonic.at(now_us),
+            own.altitude_amsl_m,
+            own.altitude_amsl_m - self._local_origin_m,
+            own.height_above_home_m,
+            clearance_m,
+            clearance_m,
+        )
+
+    def _may_send(self, now_us: int) -> bool:
+        if self.settings.altitude != "auto":
+            return self.settings.altitude == "always"
+        heard_us = self._vehicle_altitudes_us
+        enough = VEHICLE_ALTITUDES if self._ours_us is not None else 1
+        return len(heard_us) < enough or abs(now_us - heard_us[-1]) >= VEHICLE_ALTITUDE_US
 
     def sample(self, kind: Kind, row: Rows, verdict: Verdict, estimate: Rows) -> None:
         """Follow a sample and its verdict."""
         value = row[0]
+        if verdict is Verdict.STALE:
+            return  # a late copy
         if kind is Kind.PRESSURE:
             pressure_pa = float(value["pressure_pa"])
             if verdict is Verdict.USED and self.monotonic.update(
@@ -220,28 +292,30 @@ class Outputs:
             return None
         if math.isnan(self._local_origin_m):
             self._local_origin_m = altitude_m
-        if self.settings.altitude == "never":
+        if time_us < 0 or not self._may_send(now_us) or not self._altitude_slots.takes(time_us):
             return None
-        heard_us = self._vehicle_altitude_us
-        if (
-            self.settings.altitude == "auto"
-            and heard_us is not None
-            and abs(now_us - heard_us) < VEHICLE_ALTITUDE_US
-        ):
-            return None
-        if time_us < 0 or not self._altitude_slots.takes(time_us):
-            return None
-        reference_m = self._arming_m if math.isnan(self._home_m) else self._home_m
+        self.source, self._ours_us = Source.OURS, now_us
         clearance_m = self._clearance_m(now_us)
         return mavlink.MAVLink_altitude_message(
             time_us,
             self.monotonic.at(now_us),
             altitude_m,
             altitude_m - self._local_origin_m,
-            altitude_m - reference_m,
+            self._relative_m(estimate, now_us),
             clearance_m,
             clearance_m,
         )
+
+    def _relative_m(self, estimate: Rows, now_us: int) -> float:
+        """Height above take-off: the best that is known."""
+        height_m = float(estimate[0]["height_above_takeoff_m"])
+        own = self._own
+        if math.isfinite(height_m):
+            return height_m
+        if own is not None and abs(now_us - own.time_us) <= OWN_HEIGHT_US:
+            return own.height_above_home_m
+        reference_m = self._arming_m if math.isnan(self._home_m) else self._home_m
+        return float(estimate[0]["altitude_amsl_m"]) - reference_m
 
     def debug(self, now_us: int, health: Health, estimate: Rows, state: Rows) -> list[Message]:
         """The DEBUG family, when due: in LOST only the health."""
@@ -270,13 +344,6 @@ class Outputs:
         ]
         return messages
 
-    def status_text(self, health: Health, reason: str) -> list[Message]:
-        """One line for a change of health."""
-        if not self.settings.statustext:
-            return []
-        text = f"Kollsman {health.name}: {reason}".encode("ascii", "replace")[:STATUSTEXT_SIZE]
-        return [mavlink.MAVLink_statustext_message(SEVERITY[health], text)]
-
     def _clearance_m(self, now_us: int) -> float:
         if self._range is None or abs(now_us - self._range[0]) > FRESH_US:
             return math.nan
@@ -299,18 +366,22 @@ def heartbeat(health: Health) -> Message:
 def state_floats(state: Rows) -> list[float]:
     """The floats of an estimator's state in the order of its dtype, histories left out; 58 of them,
     zero-filled."""
-    fields = (state.dtype.fields or {}).items()
-    scalars = [
-        name
-        for name, (kind, *_) in fields
-        if kind.kind == "f" or (kind.base.kind == "f" and kind.shape[0] <= 16)
-    ]
-    values = (
-        np.concatenate([np.ravel(state[name][0]) for name in scalars]) if scalars else np.zeros(0)
-    )
+    values = np.array(_floats(state))
     padded = np.zeros(FLOAT_ARRAY_SIZE)
     padded[: min(values.size, FLOAT_ARRAY_SIZE)] = values[:FLOAT_ARRAY_SIZE]
     return [_single(float(value)) for value in padded]
+
+
+def _floats(state: Rows) -> list[float]:
+    """Floats and short arrays of floats of a record, shape (1,), those of nested records in their
+    place."""
+    found: list[float] = []
+    for name, (kind, *_) in (state.dtype.fields or {}).items():
+        if kind.base.kind == "V":
+            found += _floats(state[name])
+        elif kind.base.kind == "f" and (not kind.shape or kind.shape[0] <= LONGEST_ARRAY):
+            found += np.ravel(state[name][0]).tolist()
+    return found
 
 
 def _single(value: float) -> float:

@@ -1,149 +1,172 @@
-"""Asking the vehicle for the messages that the estimator needs.
+"""Which messages the estimator needs from the vehicle, how often, and what the link can carry.
 
-Once a vehicle is latched, SET_MESSAGE_INTERVAL goes out once for each message, one at a time: the
-next when the last was acknowledged, again when it was not. Nothing is written to the vehicle's
-parameters, and a refusal is only logged.
+`wanted` lists the messages; `planned` lowers their rates until they fit the link. Asking for them
+and watching what arrives is the work of `companion.mavlink.supervisor`.
 """
 
-import logging
-from collections import deque
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
 
 from pydantic import Field
 
 from companion.config import Settings
-from companion.mavlink.codec import Message, mavlink
+from companion.mavlink.codec import mavlink
 from companion.samples import Kind
 
-logger = logging.getLogger("kollsman.streams")
-
-ACK_TIMEOUT_US = 1_000_000
-ATTEMPTS = 4
-SET_MESSAGE_INTERVAL = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
-RESULTS = {
-    value.name[len("MAV_RESULT_") :]: key for key, value in mavlink.enums["MAV_RESULT"].items()
-}
+FRAME_OVERHEAD_BYTES = 12
+"""MAVLink 2: ten bytes of header, two of checksum"""
+LINK_SHARE = 0.6
+"""of a link's bytes: the rest is for what the vehicle sends without being asked"""
+RATES_HZ = (50.0, 40.0, 25.0, 20.0, 10.0, 5.0, 2.0, 1.0)
+"""Rates to fall back to. 40 Hz is what ArduPlane grants with its default loop of 50 Hz."""
 
 
 class StreamSettings(Settings):
-    """Section ``streams``: rates to ask for; 0 asks for nothing."""
+    """Section ``streams``: message rates requested from the vehicle; a rate of 0 requests nothing."""
 
     request: bool = True
-    """ask once with SET_MESSAGE_INTERVAL for what the estimator uses; nothing is saved in the
-    vehicle"""
+    """request messages with SET_MESSAGE_INTERVAL, watch the rates that arrive, request again when
+    they fall short; nothing is saved in the vehicle"""
+    data_stream: Literal["auto", "always", "never"] = "auto"
+    """REQUEST_DATA_STREAM where SET_MESSAGE_INTERVAL is refused or ignored; auto: not on ArduPlane,
+    which saves these rates to its parameters"""
+    link_bytes_per_s: float | None = Field(None, gt=0)
+    """bytes per second that the link carries, for example 3000 over a telemetry radio; default: by
+    the baud rate of a serial port, unlimited elsewhere"""
     pressure_hz: float = Field(20.0, ge=0, le=200)
-    """SCALED_PRESSURE"""
+    """rate of SCALED_PRESSURE"""
     gnss_hz: float = Field(5.0, ge=0, le=50)
-    """GPS_RAW_INT"""
+    """rate of GPS_RAW_INT and GPS2_RAW"""
     imu_hz: float = Field(50.0, ge=0, le=400)
-    """RAW_IMU; HIGHRES_IMU from PX4"""
+    """rate of RAW_IMU, or of HIGHRES_IMU from PX4"""
     attitude_hz: float = Field(10.0, ge=0, le=200)
-    """ATTITUDE"""
+    """rate of ATTITUDE"""
+    position_hz: float = Field(5.0, ge=0, le=50)
+    """rate of GLOBAL_POSITION_INT, the vehicle's own height, sent on in ALTITUDE while ours is LOST"""
+    range_hz: float = Field(10.0, ge=0, le=50)
+    """rate of DISTANCE_SENSOR"""
+    spare_hz: float = Field(10.0, ge=0, le=50)
+    """rate of SCALED_PRESSURE2 and SCALED_PRESSURE3, the redundant barometers"""
+    air_hz: float = Field(2.0, ge=0, le=50)
+    """rate of VFR_HUD, WIND and HYGROMETER_SENSOR, where the estimator uses them"""
     status_hz: float = Field(1.0, ge=0, le=10)
-    """SYSTEM_TIME, HOME_POSITION, EXTENDED_SYS_STATE"""
+    """rate of SYSTEM_TIME, HOME_POSITION and EXTENDED_SYS_STATE"""
 
 
 @dataclass(frozen=True)
-class Request:
-    """One message at one rate."""
+class Stream:
+    """One message that is wanted at a rate."""
 
     message_id: int
     rate_hz: float
+    label: str = ""
+    """the sensor's name in messages to the user; empty: its absence is normal and not reported"""
+    floor_hz: float = 1.0
+    """a full link does not lower it further"""
+    group: int = -1
+    """MAV_DATA_STREAM of REQUEST_DATA_STREAM that contains it; -1 none"""
 
     @property
     def name(self) -> str:
         return str(mavlink.mavlink_map[self.message_id].msgname)
 
+    @property
+    def bytes_per_s(self) -> float:
+        size: int = mavlink.mavlink_map[self.message_id].unpacker.size
+        return (size + FRAME_OVERHEAD_BYTES) * self.rate_hz
 
-def wanted(settings: StreamSettings, uses: Collection[Kind], autopilot: int) -> list[Request]:
-    """What to ask for: the kinds that the estimator uses, and what places and labels them."""
-    imu_id = (
-        mavlink.MAVLINK_MSG_ID_HIGHRES_IMU
-        if autopilot == mavlink.MAV_AUTOPILOT_PX4
-        else mavlink.MAVLINK_MSG_ID_RAW_IMU
+
+def wanted(
+    settings: StreamSettings,
+    uses: Collection[Kind],
+    autopilot: int,
+    *,
+    vehicle_height: bool = True,
+) -> list[Stream]:
+    """The messages of the sample kinds that the estimator uses, what places and labels them, and
+    the vehicle's own height where it is sent on."""
+    is_px4 = autopilot == mavlink.MAV_AUTOPILOT_PX4
+    imu_id = mavlink.MAVLINK_MSG_ID_HIGHRES_IMU if is_px4 else mavlink.MAVLINK_MSG_ID_RAW_IMU
+    raw, status, position = (
+        mavlink.MAV_DATA_STREAM_RAW_SENSORS,
+        mavlink.MAV_DATA_STREAM_EXTENDED_STATUS,
+        mavlink.MAV_DATA_STREAM_POSITION,
     )
-    table = [
-        (Kind.PRESSURE, mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE, settings.pressure_hz),
-        (Kind.GNSS, mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, settings.gnss_hz),
-        (Kind.IMU, imu_id, settings.imu_hz),
-        (Kind.ATTITUDE, mavlink.MAVLINK_MSG_ID_ATTITUDE, settings.attitude_hz),
-        (None, mavlink.MAVLINK_MSG_ID_SYSTEM_TIME, settings.status_hz),
-        (None, mavlink.MAVLINK_MSG_ID_HOME_POSITION, settings.status_hz),
-        (None, mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, settings.status_hz),
+    attitude, hud, rest = (
+        mavlink.MAV_DATA_STREAM_EXTRA1,
+        mavlink.MAV_DATA_STREAM_EXTRA2,
+        mavlink.MAV_DATA_STREAM_EXTRA3,
+    )
+    height_hz = settings.position_hz if vehicle_height else 0.0
+    spare_hz, air_hz, status_hz = settings.spare_hz, settings.air_hz, settings.status_hz
+    table: list[tuple[Kind | None, Stream]] = [
+        (
+            Kind.PRESSURE,
+            Stream(
+                mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE, settings.pressure_hz, "barometer", 5.0, raw
+            ),
+        ),
+        (
+            Kind.GNSS,
+            Stream(mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, settings.gnss_hz, "GNSS", 1.0, status),
+        ),
+        (Kind.IMU, Stream(imu_id, settings.imu_hz, "IMU", 10.0, raw)),
+        (
+            Kind.ATTITUDE,
+            Stream(mavlink.MAVLINK_MSG_ID_ATTITUDE, settings.attitude_hz, "", 2.0, attitude),
+        ),
+        (None, Stream(mavlink.MAVLINK_MSG_ID_SYSTEM_TIME, status_hz, "", 1.0, rest)),
+        (None, Stream(mavlink.MAVLINK_MSG_ID_HOME_POSITION, status_hz)),
+        (None, Stream(mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, status_hz)),
+        (
+            None,
+            Stream(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, height_hz, "", 2.0, position),
+        ),
+        (
+            None,
+            Stream(mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR, settings.range_hz, "", 2.0, rest),
+        ),
+        (
+            Kind.PRESSURE,
+            Stream(mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2, spare_hz, "", 2.0, raw),
+        ),
+        (
+            Kind.PRESSURE,
+            Stream(mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE3, spare_hz, "", 2.0, raw),
+        ),
+        (Kind.GNSS, Stream(mavlink.MAVLINK_MSG_ID_GPS2_RAW, settings.gnss_hz, "", 2.0, status)),
+        (Kind.AIRSPEED, Stream(mavlink.MAVLINK_MSG_ID_VFR_HUD, air_hz, "", 1.0, hud)),
+        (Kind.AIRSPEED, Stream(mavlink.MAVLINK_MSG_ID_WIND, air_hz, "", 1.0, rest)),
+        (Kind.AIR, Stream(mavlink.MAVLINK_MSG_ID_HYGROMETER_SENSOR, air_hz, "", 1.0, rest)),
     ]
     return [
-        Request(message_id, hz)
-        for kind, message_id, hz in table
-        if (kind is None or kind in uses) and hz > 0
+        stream for kind, stream in table if (kind is None or kind in uses) and stream.rate_hz > 0
     ]
 
 
-class StreamRequester:
-    """Sends the requests one at a time and reads the answers. Its clock is the host's."""
+def planned(streams: Sequence[Stream], link_bytes_per_s: float | None) -> list[Stream]:
+    """`streams` with rates that fit into `LINK_SHARE` of the link's bytes per second.
 
-    def __init__(self, requests: list[Request], target: tuple[int, int]) -> None:
-        self._queue = deque(requests)
-        self._target = target
-        self._attempts = 0
-        self._due_us = 0
-        self.granted: list[Request] = []
-        self.refused: list[tuple[Request, str]] = []
+    The stream that takes the most is lowered one step of `RATES_HZ` at a time, none below its
+    floor: what remains then is requested even if it is too much, since less is of no use.
+    """
+    plan = list(streams)
+    if link_bytes_per_s is None:
+        return plan
+    while sum(stream.bytes_per_s for stream in plan) > LINK_SHARE * link_bytes_per_s:
+        lowered = [
+            (stream.bytes_per_s, number, lower_hz)
+            for number, stream in enumerate(plan)
+            if (lower_hz := next_lower_hz(stream.rate_hz)) >= stream.floor_hz
+        ]
+        if not lowered:
+            break
+        _, number, lower_hz = max(lowered)
+        plan[number] = replace(plan[number], rate_hz=lower_hz)
+    return plan
 
-    @property
-    def done(self) -> bool:
-        return not self._queue
 
-    def poll(self, now_us: int) -> Message | None:
-        """The message to send now, if any."""
-        if not self._queue or now_us < self._due_us:
-            return None
-        if self._attempts == ATTEMPTS:
-            self._refuse("no answer")
-            return self.poll(now_us)
-        request = self._queue[0]
-        message = mavlink.MAVLink_command_long_message(
-            *self._target,
-            SET_MESSAGE_INTERVAL,
-            self._attempts,
-            request.message_id,
-            1e6 / request.rate_hz,
-            0,
-            0,
-            0,
-            0,
-            0,
-        )
-        self._attempts += 1
-        self._due_us = now_us + ACK_TIMEOUT_US
-        return message
-
-    def acknowledge(self, message: Message) -> None:
-        """COMMAND_ACK came; it does not say for which message, which is why we ask one at a time."""
-        if message.command != SET_MESSAGE_INTERVAL or not self._queue or self._attempts == 0:
-            return
-        if message.result == mavlink.MAV_RESULT_ACCEPTED:
-            self.granted.append(self._queue[0])
-            self._next()
-        elif message.result == mavlink.MAV_RESULT_TEMPORARILY_REJECTED:
-            return  # ask again when the answer is overdue
-        elif message.result != mavlink.MAV_RESULT_IN_PROGRESS:
-            self._refuse(
-                next(
-                    (name for name, value in RESULTS.items() if value == message.result),
-                    str(message.result),
-                )
-            )
-
-    def _refuse(self, why: str) -> None:
-        request = self._queue[0]
-        logger.warning(
-            "the vehicle does not grant %s at %g Hz: %s", request.name, request.rate_hz, why
-        )
-        self.refused.append((request, why))
-        self._next()
-
-    def _next(self) -> None:
-        self._queue.popleft()
-        self._attempts = 0
-        self._due_us = 0
+def next_lower_hz(rate_hz: float) -> float:
+    """The next lower rate of `RATES_HZ`; 0 below the lowest."""
+    return next((lower_hz for lower_hz in RATES_HZ if lower_hz < rate_hz), 0.0)

@@ -1,15 +1,14 @@
-"""Faults as transformers of a stream of packets, alike for a simulated vehicle and for a log.
+"""Faults that transform a stream of packets, the same for a simulated vehicle and for a log.
 
-    apply_faults(packets, [Drop(start_s=60, duration_s=10)], seed=1)     any iterable of packets
-    FaultChain(faults, seed)                                           the same, packet by packet, for a live link
+    apply_faults(packets, [Drop(start_s=60, duration_s=10)], seed=1)    any iterable of packets
+    FaultChain(faults, seed)                                          packet by packet, for a live link
 
-A packet is one whole frame, as logs and the simulator have them. A fault touches the frames of one
-component (the autopilot's), edits them with a correct checksum, and leaves all others and their
-sequence numbers as they are. What it draws depends on its seed and on the packet alone: the same
-sample meets the same luck in a live run and in its log.
+A packet is one whole frame. A fault edits the frames of one component (the autopilot), with a
+correct checksum, and leaves all other frames and their sequence numbers unchanged. Its random
+numbers depend on its seed and the packet alone, so a live run and its log get the same fault.
 
 `FAULTS` drives the scenario files, the command ``kollsman-sim corrupt`` and its list. A new fault
-is a class, and its name in `AnyFault`.
+is a class and its name in `AnyFault`.
 """
 
 import difflib
@@ -34,8 +33,8 @@ from sim.faults.values import BlockedStaticPort, Noise, Ramp, Spike, Step, Swapp
 __all__ = ["FAULTS", "AnyFault", "Fault", "FaultChain", "apply_faults", "parse_fault"]
 
 AnyFault = Annotated[
-    Drop | Duplicate | Reorder | Delay  # of the way
-    | Freeze | Lag | Spike | Step | Ramp | Swing | Noise | SwappedUnits | BlockedStaticPort  # of a sensor's readings
+    Drop | Duplicate | Reorder | Delay  # of the link
+    | Freeze | Lag | Spike | Step | Ramp | Swing | Noise | SwappedUnits | BlockedStaticPort  # of a sensor's values
     | Outage | TwoDimensional | Jamming | Spoofing | Slide  # of the receiver
     | ClockJump | Reboot,
     Field(discriminator="fault"),
@@ -44,15 +43,14 @@ AnyFault = Annotated[
 FAULTS: Mapping[str, type[Fault]] = {
     kind.model_fields["fault"].default: kind for kind in get_args(get_args(AnyFault)[0])
 }
-"""name -> its parameters (the model's fields), its help (the docstring), and how to make it
-(`Fault.effect`)"""
+"""name -> fault class; its fields are the parameters, its docstring is the help"""
 
 
 _V1, _V2 = bytes([V1]), bytes([V2])
 
 
 class _Stage:
-    """One fault of a stream."""
+    """One fault of a chain."""
 
     def __init__(self, fault: Fault, random: KeyedRandom) -> None:
         effect = fault.effect(random)
@@ -85,7 +83,7 @@ class _Stage:
 
 
 class FaultChain:
-    """The faults of one stream, the first in the list being the nearest to the vehicle."""
+    """The faults of one stream; the first in the list acts first, nearest to the vehicle."""
 
     def __init__(self, faults: Sequence[Fault], seed: int) -> None:
         self._stages = [
@@ -101,7 +99,7 @@ class FaultChain:
         self._origin_us: int | None = None
 
     def feed(self, packet: Packet) -> list[Packet]:
-        """What goes on now that `packet` has come."""
+        """Packets that leave the chain when `packet` enters it."""
         if self._origin_us is None:
             self._origin_us = packet.time_us
         packets = [packet]
@@ -111,8 +109,8 @@ class FaultChain:
         return packets
 
     def due(self, time_us: float) -> list[Packet]:
-        """What was held back until now. A live link asks for it in every tick; ``math.inf`` at the
-        end gives all."""
+        """Delayed packets that are due at `time_us`. A live link calls this in every tick;
+        ``math.inf`` at the end returns all of them."""
         packets: list[Packet] = []
         if self._holds:
             for stage in self._stages:
@@ -125,7 +123,7 @@ class FaultChain:
         origin_us = self._origin_us or 0
         found: list[Packet] = []
         for packet in packets:
-            if stage.holds:  # what was due before it goes first
+            if stage.holds:  # packets that were due before it leave first
                 found.extend(stage.due(packet.time_us))
             found.extend(stage.feed(packet, packet.time_us - origin_us))
         return found
@@ -134,7 +132,7 @@ class FaultChain:
 def apply_faults(
     packets: Iterable[Packet], faults: Sequence[Fault], seed: int = 0
 ) -> Iterator[Packet]:
-    """`packets` with `faults`."""
+    """Apply `faults` to `packets`; return the packets that leave the last fault."""
     stream = FaultChain(faults, seed)
     for packet in packets:
         yield from stream.feed(packet)
@@ -142,21 +140,23 @@ def apply_faults(
 
 
 def parse_fault(text: str) -> Fault:
-    """A fault as the command line spells it: ``drop:start_s=60,duration_s=10``.
+    """The fault of a command-line text such as ``drop:start_s=60,duration_s=10``.
 
-    Raises ConfigError, in one line, for what is none.
+    Raises ConfigError, in one line, for a text that describes no fault.
     """
     name, _, rest = text.partition(":")
     if name not in FAULTS:
         guess = difflib.get_close_matches(name, FAULTS, 1)
         raise ConfigError(
-            f"--fault {text}: no fault '{name}'; "
-            + (f"did you mean `{guess[0]}`?" if guess else f"there are {', '.join(FAULTS)}")
+            f"--fault {text}: '{name}' is unknown; "
+            + (f"did you mean `{guess[0]}`?" if guess else f"give one of {', '.join(FAULTS)}")
         )
     values: dict[str, Any] = {}
     for part in filter(None, rest.split(",")):
         key, equals, value = part.partition("=")
         if not equals or key in values or key == "fault":
-            raise ConfigError(f"--fault {text}: '{part}' is not a key=value that is new here")
+            raise ConfigError(
+                f"--fault {text}: '{part}' is malformed or repeated; expected key=value"
+            )
         values[key] = value
     return validate(values, FAULTS[name], f"--fault {text}")

@@ -1,5 +1,5 @@
-"""What all faults have in common: when they act, on whose frames, with which random numbers, and how they
-hold packets back."""
+"""What all faults share: their parameters, keyed random numbers, and the queue of delayed
+packets."""
 
 import hashlib
 import heapq
@@ -26,10 +26,10 @@ _HALVES = struct.Struct("<QQ")
 
 
 class KeyedRandom:
-    """Random numbers that depend on a seed and on what they are for, not on how many were drawn
-    before.
+    """Random numbers that are a hash of a seed and of integers that the caller gives.
 
-    So the same sample meets the same luck on every link of a vehicle, in a live run and in its log.
+    They do not depend on earlier draws, so the same sample gets the same number on every link of a
+    vehicle, in a live run and in its log.
     """
 
     def __init__(self, seed: int, name: str, number: int) -> None:
@@ -41,17 +41,17 @@ class KeyedRandom:
         return ((first >> 11) + 0.5) * 2.0**-53, ((second >> 11) + 0.5) * 2.0**-53
 
     def uniform(self, *numbers: int) -> float:
-        """Between 0 and 1, neither of them."""
+        """A number in the open interval (0, 1), keyed by `numbers`."""
         return self._halves(numbers)[0]
 
     def normal(self, *numbers: int) -> float:
-        """Box and Muller's standard normal number."""
+        """A standard normal number (Box-Muller), keyed by `numbers`."""
         first, second = self._halves(numbers)
         return math.sqrt(-2.0 * math.log(first)) * math.cos(math.tau * second)
 
 
 class PacketContext:
-    """When a packet meets a fault."""
+    """A packet's message, and its time relative to the fault window."""
 
     __slots__ = ("active", "message_id", "sequence", "since_s", "since_us")
 
@@ -60,20 +60,20 @@ class PacketContext:
         self.sequence = sequence
         self.since_us = since_us
         self.since_s = since_us * 1e-6
-        """since the fault began; negative before"""
+        """time since the fault began, s; negative before"""
         self.active = active
 
     @property
     def key(self) -> tuple[int, int, int]:
-        """What the dice of a link go by."""
+        """Key of the random numbers of a link fault."""
         return self.since_us, self.message_id, self.sequence
 
 
 class Effect:
-    """A fault at work on one stream. `ids` are the messages it wants to see; None is all of them.
+    """The state of a fault on one stream. `ids` are the message ids that it receives; None is all.
 
-    `feed` takes every such packet, in the window or not, and says what goes on; `due` gives back
-    what was held.
+    `feed` receives every such packet, inside and outside the fault window, and returns the packets
+    that continue; `due` returns delayed packets.
     """
 
     ids: frozenset[int] | None = None
@@ -87,8 +87,8 @@ class Effect:
 
 
 class Edit(Effect):
-    """Changes fields of some messages while the fault lasts, one sample at a time. False of
-    `change` drops it."""
+    """Edits messages within the fault window. `change` edits one message; its result False drops
+    the packet."""
 
     def __init__(
         self, ids: Iterable[int], change: Callable[[Editor, PacketContext], bool | None]
@@ -106,7 +106,7 @@ class Edit(Effect):
 
 
 class DelayQueue:
-    """Packets that come later, each at its own time."""
+    """Delayed packets in the order of their due times."""
 
     def __init__(self) -> None:
         self._heap: list[tuple[int, int, bytes]] = []
@@ -130,27 +130,27 @@ class DelayQueue:
 
 
 class Fault(Settings):
-    """The parameters of all faults. A subclass's first line is its help, its fields are its
-    parameters."""
+    """Parameters that all faults have. The first line of a subclass is its help text, and its
+    fields are its parameters."""
 
     start_s: Seconds = 0.0
-    """since the first packet of the stream"""
+    """time from the first packet of the stream to the start of the fault"""
     duration_s: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
-    """without it, to the end"""
+    """duration of the fault; left out, the fault lasts to the end"""
     component: Annotated[int, Field(ge=0, le=255)] = 1
-    """whose frames: 1 is the autopilot, 0 everybody"""
+    """MAVLink component id whose frames are changed: 1 is the autopilot, 0 is every component"""
     seed: Annotated[int, Field(ge=0)] | None = None
-    """of this fault alone; without it, the flight's or that of the command line"""
+    """seed of this fault; left out, the seed of the flight or of the command line"""
 
     announced: ClassVar[bool] = False
-    """whether the sensor itself says how unwell it is, so that nobody need accuse it"""
+    """whether the sensor reports the fault itself, so that an estimator need not detect it"""
 
     @property
     def faulty_sensor(self) -> FaultySensor:
-        """Whose readings are wrong, in the words of an estimator's field ``faulty``; NONE where no
-        sensor is."""
+        """The sensor that the fault makes wrong, as in the estimates' field ``faulty``; NONE if
+        none."""
         return FaultySensor.NONE
 
     def effect(self, random: KeyedRandom) -> Effect:
-        """The fault at work on one stream."""
+        """A new effect of this fault for one stream."""
         raise NotImplementedError

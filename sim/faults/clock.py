@@ -10,7 +10,7 @@ from sim.faults.base import Effect, Fault, KeyedRandom, PacketContext
 from sim.faults.editing import Editor, layout, with_sequence
 
 _UNIX_US = 10**15
-"""Later than this a time_usec counts from 1970, earlier from boot."""
+"""A larger time_usec counts from 1970, a smaller one from boot."""
 
 
 def _shift(message: Editor, by_us: int, *, unix_too: bool) -> None:
@@ -21,11 +21,11 @@ def _shift(message: Editor, by_us: int, *, unix_too: bool) -> None:
 
 
 class ClockJump(Fault):
-    """Every time stamp of the vehicle is wrong by a constant."""
+    """Every time stamp of the vehicle has a constant error."""
 
     fault: Literal["clock_jump"] = "clock_jump"
     jump_s: Annotated[float, Field(ge=-1e6, le=1e6)] = 30.0
-    """by which the clock is ahead of the true one"""
+    """error of the clock, positive if it is ahead"""
 
     def effect(self, random: KeyedRandom) -> Effect:
         return _Jump(round(self.jump_s * 1e6))
@@ -45,11 +45,11 @@ class _Jump(Effect):
 
 
 class Reboot(Fault):
-    """The vehicle falls silent, and comes back with its clock and its sequence numbers at zero."""
+    """The vehicle is silent, then sends again with its clock and its sequence numbers from zero."""
 
     fault: Literal["reboot"] = "reboot"
     duration_s: Annotated[float, Field(gt=0.0, le=3600.0)] = 3.0
-    """of the silence"""
+    """duration of the silence"""
 
     def effect(self, random: KeyedRandom) -> Effect:
         return _Reboot(round(self.duration_s * 1e6))
@@ -59,8 +59,8 @@ class _Reboot(Effect):
     def __init__(self, silence_us: int) -> None:
         self._silence_us = silence_us
         self._ahead_us: int | None = None
-        """of the boot clock on the time since the fault began: the most that was seen, so without
-        any latency"""
+        """largest difference between the boot clock and the time since the fault began, which is
+        the one of a packet without latency"""
         self._sequence = 0
 
     def feed(self, packet: Packet, context: PacketContext) -> Iterable[Packet]:

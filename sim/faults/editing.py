@@ -1,9 +1,9 @@
-"""A frame opened for editing: fields by name in MAVLink's units, closed again with the right length
-and checksum.
+"""Edits the fields of a frame by name, in MAVLink's units, and seals it with the right length and
+checksum.
 
-What is not edited keeps its bytes: sender, sequence number and flags too. A signature cannot be
-made anew, so an edited frame is unsigned. MAVLink 2 frames lose the zeros at the end of their
-payload, as the protocol demands.
+Fields that are not edited keep their bytes, as do sender, sequence number and flags. An edited
+frame is unsigned, because the key of its signature is unknown. The zeros at the end of a MAVLink 2
+payload are cut off, as the protocol requires.
 """
 
 from functools import cache
@@ -13,13 +13,13 @@ from companion.mavlink.codec import mavlink
 from companion.mavlink.framing import CHECKSUM, CRC_EXTRA, V1, V1_HEADER, V2_HEADER, mcrf4xx
 
 STAMPS = {"time_boot_ms": 1000, "time_usec": 1}
-"""Fields that tell the vehicle's time, and their microseconds."""
+"""Fields with the vehicle's time -> microseconds of one unit."""
 _SEQUENCE = {True: 2, False: 4}
-"""where it is in a header, MAVLink 1 or not"""
+"""index of the sequence number in a header: True for MAVLink 1"""
 
 
 class Header(NamedTuple):
-    """What every frame says, whatever its dialect."""
+    """Header fields of a frame of any dialect."""
 
     sequence: int
     component_id: int
@@ -27,14 +27,14 @@ class Header(NamedTuple):
 
 
 def header(data: bytes) -> Header:
-    """Of one whole frame."""
+    """The header of one whole frame."""
     if data[0] == V1:
         return Header(data[2], data[4], data[5])
     return Header(data[4], data[6], data[7] | data[8] << 8 | data[9] << 16)
 
 
 class _Layout:
-    """Where the fields of one kind of message are."""
+    """Positions and ranges of the fields of one message type."""
 
     def __init__(self, message_id: int) -> None:
         kind = mavlink.mavlink_map[message_id]
@@ -45,7 +45,7 @@ class _Layout:
         )
         self.index: dict[str, int] = {}
         self.bounds: dict[str, tuple[int, int] | None] = {}
-        """what an integer field can hold; None for a float"""
+        """range of an integer field; None for a float"""
         at = 0
         for name, order in zip(kind.ordered_fieldnames, range(len(kind.lengths)), strict=True):
             self.index[name] = at
@@ -65,13 +65,13 @@ def _bounds(kind: str) -> tuple[int, int] | None:
 
 @cache
 def layout(message_id: int) -> _Layout | None:
-    """None for a message that the dialect does not have."""
+    """The layout of a message; None if the dialect does not have it."""
     return _Layout(message_id) if message_id in mavlink.mavlink_map else None
 
 
 class Editor:
-    """One frame of a message that the dialect has. Integer fields are rounded and end at what they
-    can hold."""
+    """One frame under edit, of a message that the dialect has. Integer fields are rounded and
+    limited to their range."""
 
     def __init__(self, data: bytes, message_id: int) -> None:
         found = layout(message_id)
@@ -100,7 +100,7 @@ class Editor:
 
     @property
     def stamps(self) -> dict[str, int]:
-        """Its time fields, and their microseconds."""
+        """The message's time fields -> microseconds of one unit."""
         return self._layout.stamps
 
     def close(self) -> bytes:
@@ -117,8 +117,8 @@ class Editor:
 
 
 def with_sequence(data: bytes, sequence: int) -> bytes:
-    """The frame with another sequence number; itself when it has that already, or when its dialect
-    is unknown."""
+    """The frame with another sequence number; unchanged if it has that number, or if its message is
+    unknown."""
     found, is_v1 = header(data), data[0] == V1
     if found.sequence == sequence or found.message_id not in CRC_EXTRA:
         return data

@@ -1,4 +1,5 @@
-"""Faults of the first receiver (GPS_RAW_INT): no fix, jammed, spoofed, and the fix that slides."""
+"""Faults of the first GNSS receiver (GPS_RAW_INT): outage, 2D fix, jamming, spoofing, sliding
+fix."""
 
 import math
 from collections.abc import Iterable
@@ -18,7 +19,7 @@ Span = Annotated[float, Field(gt=0.0, le=1e5)]
 
 
 def _blind(message: Editor) -> None:
-    """What an autopilot sends without a fix."""
+    """Set the fields to those of an autopilot without a fix."""
     for name in (
         "lat",
         "lon",
@@ -45,13 +46,13 @@ def _move(message: Editor, north_m: float, east_m: float, up_m: float) -> None:
 
 
 def _add_known(message: Editor, name: str, value: float) -> None:
-    """To an extension field that was sent."""
+    """Add `value` to an extension field, if it was sent."""
     if message[name] != 0:
         message[name] = message[name] + value
 
 
 class ReceiverFault(Fault):
-    """The parameters of faults of the receiver."""
+    """Parameters of all faults of the receiver."""
 
     @property
     def faulty_sensor(self) -> FaultySensor:
@@ -59,13 +60,13 @@ class ReceiverFault(Fault):
 
 
 class Outage(ReceiverFault):
-    """The receiver has no fix, or is not heard at all."""
+    """The receiver has no fix, or sends nothing."""
 
     announced: ClassVar[bool] = True
 
     fault: Literal["outage"] = "outage"
     silent: bool = False
-    """nothing comes, in place of messages that say "no fix" """
+    """whether the receiver sends nothing, instead of messages without a fix"""
 
     def effect(self, random: KeyedRandom) -> Effect:
         def change(message: Editor, _: PacketContext) -> bool | None:
@@ -78,20 +79,21 @@ class Outage(ReceiverFault):
 
 
 class Jamming(ReceiverFault):
-    """A jammer comes near and goes: fewer satellites, noise, honest poor accuracy, and no fix where
-    it is nearest."""
+    """A jammer approaches and leaves: fewer satellites, noise, reported accuracy that grows with
+    it, and no fix near its full strength."""
 
     announced: ClassVar[bool] = True
 
     fault: Literal["jamming"] = "jamming"
     duration_s: Span = 120.0
-    """from when it is first felt until it is gone"""
+    """duration of the jamming"""
     ramp_s: Span = 30.0
-    """how long it takes to come, and to go"""
+    """time in which the jamming rises to full strength, and in which it falls"""
     noise_m: Annotated[float, Field(ge=0.0, le=10_000.0)] = 30.0
-    """standard deviation of the height where the fix is about to be lost; half of it sideways"""
+    """standard deviation of the height error just before the fix is lost; half of it
+    horizontally"""
     blind_above: Annotated[float, Field(gt=0.0, le=1.0)] = 0.8
-    """share of its full strength at which the fix is lost"""
+    """share of the full strength at which the fix is lost, 0 to 1"""
 
     def effect(self, random: KeyedRandom) -> Effect:
         def change(message: Editor, context: PacketContext) -> None:
@@ -125,18 +127,17 @@ class Jamming(ReceiverFault):
 
 
 class Spoofing(ReceiverFault):
-    """The position is led away, slowly and with a clean conscience: the accuracies stay what they
-    were."""
+    """The position drifts away slowly, while the reported accuracy does not change."""
 
     fault: Literal["spoofing"] = "spoofing"
     up_mps: Rate = 1.0
-    """how fast the height is led away"""
+    """rate of the height error, positive upwards"""
     north_mps: Rate = 0.0
-    """how fast the place is led north"""
+    """rate of the position error to the north"""
     east_mps: Rate = 0.0
-    """how fast the place is led east"""
+    """rate of the position error to the east"""
     limit_s: Span = 300.0
-    """how long it is led away; then the error stays"""
+    """time after which the error stays constant"""
 
     def effect(self, random: KeyedRandom) -> Effect:
         def change(message: Editor, context: PacketContext) -> None:
@@ -157,7 +158,7 @@ class Spoofing(ReceiverFault):
 
 
 class TwoDimensional(ReceiverFault):
-    """Three satellites are left: a fix of type 2, whose height is that of the last good one."""
+    """Three satellites are left: a 2D fix (type 2) with the height of the last 3D fix."""
 
     announced: ClassVar[bool] = True
 
@@ -191,16 +192,16 @@ class _TwoDimensional(Effect):
 
 
 class Slide(ReceiverFault):
-    """A 3D fix that is wrong by hundreds of metres and slides to the truth, while its accuracy
-    admits it."""
+    """A 3D fix has an error of hundreds of metres that decreases to zero; its reported accuracy
+    shows the error."""
 
     announced: ClassVar[bool] = True
 
     fault: Literal["slide"] = "slide"
     duration_s: Span = 60.0
-    """from the false first height to the true one"""
+    """time in which the error decreases to zero"""
     height_m: Metres = 770.0
-    """at the start: a real receiver slid from 1149 to 376 m while it stood on the ground"""
+    """height error at the start; a real receiver on the ground reported 1149 m, then 376 m"""
 
     def effect(self, random: KeyedRandom) -> Effect:
         def change(message: Editor, context: PacketContext) -> None:

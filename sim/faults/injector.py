@@ -1,4 +1,4 @@
-"""Faults on the way from a simulated vehicle's port to where it sends."""
+"""The fault injector between a simulated vehicle's port and its link or log."""
 
 from collections.abc import Callable, Sequence
 
@@ -7,8 +7,8 @@ from sim.faults import Fault, FaultChain
 
 
 class FaultInjector:
-    """Stands in for a port's delivery: takes frames, hands packets with the time of their arrival
-    on."""
+    """Replaces the delivery of a port: takes frames, applies faults, and delivers packets with
+    their arrival times."""
 
     def __init__(
         self,
@@ -22,11 +22,11 @@ class FaultInjector:
         self._deliver = deliver
 
     def __call__(self, frame: bytes) -> bool:
-        """Send a frame now. What a fault lost or holds was sent all the same."""
+        """Send a frame now. The result is True also for a frame that a fault drops or delays."""
         return self._pass(self._stream.feed(Packet(self._now_us(), frame)))
 
     def due(self, time_us: float) -> None:
-        """Let go what was held back until now."""
+        """Deliver the delayed packets that are due at `time_us`."""
         self._pass(self._stream.due(time_us))
 
     def _pass(self, packets: Sequence[Packet]) -> bool:

@@ -1,8 +1,7 @@
-"""Faults of the way: packets lost, late, twice, or out of order. The frames themselves stay as they
-are.
+"""Faults of the link: packets lost, late, duplicated or reordered. The frames are not changed.
 
-SIM_STATE has no time of its own but that of the frame before it, so the truth shares that frame's
-fate.
+SIM_STATE has no time stamp; its time is that of the frame before it, so the truth is lost or
+delayed with that frame.
 """
 
 from collections.abc import Iterable
@@ -24,17 +23,17 @@ from sim.faults.base import (
 
 
 class LinkFault(Fault):
-    """The parameters of all faults of the way."""
+    """Parameters of all faults of the link."""
 
     message: str = ""
-    """the name of the only message that is touched, and of the truth that follows it; empty is
+    """name of the only message that the fault affects, with the truth that follows it; empty is
     every message"""
 
     @field_validator("message")
     @classmethod
     def _is_known(cls, name: str) -> str:
         if name and not isinstance(getattr(mavlink, f"MAVLINK_MSG_ID_{name}", None), int):
-            raise ValueError("is no message of the dialect")
+            raise ValueError("is no message of the dialect; give a name such as GPS_RAW_INT")
         return name
 
     @property
@@ -47,7 +46,7 @@ class LinkFault(Fault):
 
 
 class _RandomSelection(Effect):
-    """Some packets are hit. The truth is when the frame before it was."""
+    """Selects packets at random. The truth is selected with the frame before it."""
 
     def __init__(self, fault: LinkFault, random: KeyedRandom, probability: float) -> None:
         self._only, self._random, self._probability = fault.ids, random, probability
@@ -68,7 +67,7 @@ class Drop(LinkFault):
 
     fault: Literal["drop"] = "drop"
     probability: Probability = 1.0
-    """of each packet"""
+    """probability that a packet is selected, 0 to 1"""
 
     def effect(self, random: KeyedRandom) -> Effect:
         return _Drop(self, random, self.probability)
@@ -84,9 +83,9 @@ class Duplicate(LinkFault):
 
     fault: Literal["duplicate"] = "duplicate"
     probability: Probability = 0.1
-    """of each packet"""
+    """probability that a packet is selected, 0 to 1"""
     after_s: Annotated[float, Field(ge=0.0, le=60.0)] = 0.0
-    """between the two"""
+    """time between the packet and its duplicate"""
 
     def effect(self, random: KeyedRandom) -> Effect:
         return _Duplicate(self, random)
@@ -111,13 +110,13 @@ class _Duplicate(_RandomSelection):
 
 
 class Reorder(LinkFault):
-    """Packets are overtaken by those behind them."""
+    """Packets arrive after packets that were sent later."""
 
     fault: Literal["reorder"] = "reorder"
     probability: Probability = 0.1
-    """of each packet"""
+    """probability that a packet is selected, 0 to 1"""
     hold_s: Annotated[float, Field(gt=0.0, le=60.0)] = 0.2
-    """how long one is held back"""
+    """time for which a selected packet is held back"""
 
     def effect(self, random: KeyedRandom) -> Effect:
         return _Reorder(self, random)
@@ -140,13 +139,13 @@ class _Reorder(_RandomSelection):
 
 
 class Delay(LinkFault):
-    """Packets come late, in order; the stamps inside stay."""
+    """Packets arrive late and in order; their time stamps do not change."""
 
     fault: Literal["delay"] = "delay"
     delay_s: Annotated[float, Field(ge=0.0, le=600.0)] = 1.0
-    """how much later every packet comes"""
+    """delay of every packet"""
     jitter_s: Annotated[float, Field(ge=0.0, le=600.0)] = 0.0
-    """up to this much more, evenly spread"""
+    """largest additional delay, uniformly distributed"""
 
     def effect(self, random: KeyedRandom) -> Effect:
         return _Delay(self, random)
@@ -167,7 +166,7 @@ class _Delay(_RandomSelection):
                 else 0.0
             )
             due_us = packet.time_us + round((self._fault.delay_s + extra_s) * 1e6)
-        elif self._queue and not self._only:  # the line is still busy with what it is late with
+        elif self._queue and not self._only:  # earlier packets are still in the queue
             due_us = packet.time_us
         else:
             return (packet,)

@@ -1,4 +1,4 @@
-"""Faults that say an earlier reading again: frozen, and lagging."""
+"""Faults that repeat earlier readings: frozen and lagging sensors."""
 
 from collections import deque
 from collections.abc import Iterable, Mapping
@@ -17,7 +17,7 @@ class Freeze(Fault):
 
     fault: Literal["freeze"] = "freeze"
     sensor: Literal["barometer", "gnss", "imu"] = "barometer"
-    """whose readings"""
+    """sensor whose readings are changed"""
 
     @property
     def faulty_sensor(self) -> FaultySensor:
@@ -45,13 +45,13 @@ class _Freeze(Effect):
 
 
 class Lag(Fault):
-    """A sensor's readings are some time old, under present time stamps."""
+    """A sensor's readings are old, under present time stamps."""
 
     fault: Literal["lag"] = "lag"
     sensor: Literal["barometer", "gnss", "imu"] = "barometer"
-    """whose readings"""
+    """sensor whose readings are changed"""
     lag_s: Annotated[float, Field(gt=0.0, le=60.0)] = 0.15
-    """how old the readings are"""
+    """age of the readings"""
 
     @property
     def faulty_sensor(self) -> FaultySensor:

@@ -1,9 +1,8 @@
-"""Faults of a sensor's readings: frozen, spiking, stepping, drifting, noisy, in the wrong unit,
-behind a blocked port.
+"""Faults of a sensor's values: steps, ramps, swings, spikes, noise, wrong units, a blocked static
+port.
 
-They touch the vehicle's first sensor of a kind (SCALED_PRESSURE, GPS_RAW_INT, RAW_IMU, SCALED_IMU,
-HIGHRES_IMU): a second one stays well, and so does the autopilot's own estimate, which is made
-inside.
+They change the vehicle's first sensor of a kind (SCALED_PRESSURE, GPS_RAW_INT, RAW_IMU, SCALED_IMU,
+HIGHRES_IMU). A second sensor and the autopilot's own estimate stay correct.
 """
 
 import math
@@ -14,7 +13,7 @@ from pydantic import Field
 
 from companion.mavlink.codec import mavlink
 from companion.samples import FaultySensor, Packet
-from sim.aircraft import G0_MPS2
+from sim.aircraft_state import G0_MPS2
 from sim.faults.base import Edit, Effect, Fault, KeyedRandom, PacketContext, Probability
 from sim.faults.editing import Editor
 
@@ -28,11 +27,11 @@ _AXES = "xyz"
 _MG = 1e-3 * G0_MPS2
 _P0_PA, _T0_K, _LAPSE_KPM = 101_325.0, 288.15, 6.5e-3
 _TROPOSPHERE = 287.05287 * _LAPSE_KPM / G0_MPS2
-"""exponent of T / T_0 = (p / p_0)^x in the standard atmosphere below 11 km"""
+"""exponent x of T / T_0 = (p / p_0)^x in the standard atmosphere below 11 km"""
 
 
 class Quantity(NamedTuple):
-    """A physical quantity: its unit, and the fields that carry it with their size in that unit."""
+    """A physical quantity: its unit, and the fields that contain it with the size of one count."""
 
     unit: str
     fields: Mapping[int, tuple[tuple[str, float], ...]]
@@ -49,7 +48,8 @@ class Quantity(NamedTuple):
 
 
 class PressureAltitude(Quantity):
-    """Pressure in metres of the standard atmosphere's troposphere: higher is a lower pressure."""
+    """Pressure as metres of the standard atmosphere's troposphere; a greater height is a lower
+    pressure."""
 
     def shift(self, message: Editor, by: float) -> None:
         for name, size in self.fields[message.message_id]:
@@ -90,7 +90,7 @@ SENSORS: Mapping[str, Mapping[int, tuple[str, ...]]] = {
     "gnss": {GPS: _FIX},
     "imu": dict.fromkeys((RAW_IMU, SCALED_IMU, HIGHRES_IMU), _INERTIAL),
 }
-"""All that one sensor says, without the time."""
+"""Fields of each sensor, without its time stamps."""
 
 
 _OWNERS = {
@@ -102,26 +102,26 @@ _OWNERS = {
 
 
 def _owner(quantity: str) -> FaultySensor:
-    """The sensor of an altitude that measures it; the die's temperature is nobody's measurement."""
+    """The sensor that measures a quantity; NONE for the temperature of the die."""
     return _OWNERS.get(quantity.split("_", maxsplit=1)[0], FaultySensor.NONE)
 
 
 def _holds(message: Editor, name: str) -> bool:
-    """Whether a field holds a value: not a position without a fix, an extension that was not sent,
-    a sentinel."""
+    """Whether a field holds a value: there is a fix, an extension was sent, and it is no
+    sentinel."""
     if message.message_id == GPS:
         return bool(message["fix_type"] >= 2 and (name == "alt" or message[name] not in (0, 65535)))
     return True
 
 
 class ValueFault(Fault):
-    """The parameters of faults of one quantity."""
+    """Parameters of faults of one quantity."""
 
     quantity: Literal[
         "pressure", "pressure_altitude", "die_temperature", "gnss_height", "gnss_speed", "accel_x", "accel_y",
         "accel_z", "gyro_x", "gyro_y", "gyro_z",
     ] = "pressure"  # fmt: skip
-    """in Pa, m, K, m, m/s, m/s2 or rad/s"""
+    """quantity that is changed, in Pa, m, K, m, m/s, m/s2 or rad/s"""
 
     @property
     def target(self) -> Quantity:
@@ -136,11 +136,11 @@ Size = Annotated[float, Field(ge=-1e6, le=1e6)]
 
 
 class Step(ValueFault):
-    """A quantity reads wrong by a constant."""
+    """A quantity has a constant error."""
 
     fault: Literal["step"] = "step"
     size: Size
-    """in the quantity's unit"""
+    """size of the error in the quantity's unit"""
 
     def effect(self, random: KeyedRandom) -> Effect:
         target = self.target
@@ -148,11 +148,11 @@ class Step(ValueFault):
 
 
 class Ramp(ValueFault):
-    """A quantity drifts away at a constant rate, and is back when the fault ends."""
+    """The error of a quantity grows at a constant rate and is zero again after the fault."""
 
     fault: Literal["ramp"] = "ramp"
     rate: Size
-    """in the quantity's unit a second"""
+    """rate of the error in the quantity's unit per second"""
 
     def effect(self, random: KeyedRandom) -> Effect:
         target = self.target
@@ -163,13 +163,13 @@ class Ramp(ValueFault):
 
 
 class Swing(ValueFault):
-    """A quantity swings about what it should be."""
+    """The error of a quantity is a sine."""
 
     fault: Literal["swing"] = "swing"
     size: Size
-    """amplitude in the quantity's unit"""
+    """amplitude of the error in the quantity's unit"""
     period_s: Annotated[float, Field(gt=0.0, le=1e6)] = 60.0
-    """of one swing, there and back"""
+    """period of the error"""
 
     def effect(self, random: KeyedRandom) -> Effect:
         target, rate_radps = self.target, math.tau / self.period_s
@@ -182,13 +182,13 @@ class Swing(ValueFault):
 
 
 class Spike(ValueFault):
-    """Single readings are wrong by a size, up or down."""
+    """Single readings have an error of one size, positive or negative."""
 
     fault: Literal["spike"] = "spike"
     size: Size
-    """in the quantity's unit"""
+    """size of the error in the quantity's unit"""
     probability: Probability = 0.05
-    """of each reading"""
+    """probability that a reading has the error, 0 to 1"""
 
     def effect(self, random: KeyedRandom) -> Effect:
         target = self.target
@@ -202,11 +202,11 @@ class Spike(ValueFault):
 
 
 class Noise(ValueFault):
-    """White noise is added to a quantity."""
+    """A quantity has additional white noise."""
 
     fault: Literal["noise"] = "noise"
     sd: Annotated[float, Field(gt=0.0, le=1e6)]
-    """in the quantity's unit"""
+    """standard deviation of the noise in the quantity's unit"""
 
     def effect(self, random: KeyedRandom) -> Effect:
         target = self.target
@@ -226,7 +226,7 @@ SWAPS: Mapping[str, tuple[tuple[str, ...], float]] = {
     "degrees": (tuple(f"gyro_{axis}" for axis in _AXES), math.degrees(1.0)),
     "mps2_for_g": (tuple(f"accel_{axis}" for axis in _AXES), G0_MPS2),
 }
-"""What the sender gets wrong: in which quantities, and by which factor."""
+"""Wrong unit -> the quantities that it affects, and the factor of their values."""
 
 
 class SwappedUnits(Fault):
@@ -236,8 +236,8 @@ class SwappedUnits(Fault):
     swap: Literal[
         "pascal", "half_pressure", "feet", "metres_for_millimetres", "degrees", "mps2_for_g"
     ] = "pascal"
-    """Pa for hPa, half the pressure, feet for metres, metres for millimetres, degrees for radians,
-    or m/s2 for mG"""
+    """error of the unit: Pa for hPa, half the pressure, feet for metres, metres for millimetres,
+    degrees for radians, or m/s2 for mG"""
 
     @property
     def faulty_sensor(self) -> FaultySensor:
@@ -255,12 +255,12 @@ class SwappedUnits(Fault):
 
 
 class BlockedStaticPort(Fault):
-    """Ice or tape on the static port: the trapped pressure stays, or follows through a leak; the
-    noise goes on."""
+    """Ice or tape blocks the static port: the pressure stays constant or follows through a leak;
+    the sensor's noise continues."""
 
     fault: Literal["blocked_static_port"] = "blocked_static_port"
     leak_s: Annotated[float, Field(gt=0.0, le=1e5)] | None = None
-    """time constant of the leak; without it, the port is sealed"""
+    """time constant of the leak; left out, the port is sealed"""
 
     @property
     def faulty_sensor(self) -> FaultySensor:
@@ -271,11 +271,10 @@ class BlockedStaticPort(Fault):
 
 
 class _BlockedPort(Effect):
-    """The port's pressure is told from the sensor's noise by a critically damped filter without lag
-    in a steady climb.
+    """A critically damped filter, without lag in a steady climb, separates the port's pressure from
+    the sensor's noise.
 
-    The pitot tube goes on: what is measured against the static port (press_diff) is wrong by the
-    same amount.
+    The pitot tube is not blocked, so the differential pressure (press_diff) has the opposite error.
     """
 
     ids = frozenset({PRESSURE, HIGHRES_IMU})
@@ -288,7 +287,7 @@ class _BlockedPort(Effect):
     def __init__(self, leak_s: float | None) -> None:
         self._leak_s = leak_s
         self._state: dict[int, tuple[int, float, float, float]] = {}
-        """by message: time of the last reading, pressure outside, its rate, pressure trapped inside
+        """message id -> time of the last reading, outside pressure, its rate, inside pressure
         (hPa)"""
 
     def feed(self, packet: Packet, context: PacketContext) -> Iterable[Packet]:

@@ -11,31 +11,31 @@ from dataclasses import dataclass
 from enum import Enum, auto
 
 from companion.errors import SimulationError
-from sim.aircraft import Truth
+from sim.aircraft_state import Truth
 from sim.pilot.autopilot import Mode, Target
 from sim.pilot.gains import Gains
 
 _EARTH_M_PER_DEG = 111_195.0
 _AIM_M = 300.0
-"""of the glide path, beyond the beginning of the runway"""
+"""distance of the glide path's end beyond the beginning of the runway"""
 _SLOWING_MPS2 = 0.5
-"""what an idling aircraft surely loses in level flight"""
+"""deceleration of an idling aircraft in level flight, a low estimate"""
 _INTERCEPT_RAD = 0.7
 """largest angle at which the centre line is approached"""
 _ESTABLISHED_M = 150.0
-"""so near the centre line, and not before, the glide path may be followed down"""
+"""distance from the centre line below which the descent on the glide path begins"""
 _GLIDE_RATIO = 20.0
-"""of a glider, cautiously"""
+"""glide ratio of a glider, a low estimate"""
 _ALIGNED_RAD = 0.5
 _TOUCH_S = 4.0
-"""on the wheels, before a touch-and-go takes off again"""
+"""time on the wheels before a touch-and-go takes off again"""
 _STOPPED_MPS = 0.5
 _BRAKE = 0.4
 
 
 @dataclass(frozen=True)
 class LandingSite:
-    """Where a flight begins: the threshold, and the height that the centre of gravity has on the
+    """The runway: its threshold, and the height of the aircraft's centre of gravity on the
     wheels."""
 
     latitude_deg: float
@@ -48,7 +48,7 @@ class LandingSite:
 
 
 class Phase(Enum):
-    """What an approach is at."""
+    """Phase of an approach."""
 
     JOIN = auto()
     FINAL = auto()
@@ -57,8 +57,7 @@ class Phase(Enum):
 
 
 class Approach:
-    """One approach and landing, begun at `truth`; `update` returns the target of the moment until
-    `done`."""
+    """One approach and landing from `truth`; `update` returns the present target until `done`."""
 
     def __init__(
         self, site: LandingSite, gains: Gains, glide_deg: float, touch_and_go: bool, truth: Truth
@@ -72,7 +71,7 @@ class Approach:
         self._level_m = truth.altitude_amsl_m
         self._phase = Phase.JOIN
         self._configured = False
-        """slowing down, gear and flaps on their way out"""
+        """whether the aircraft slows down with gear and flaps extending"""
         self._on_path = False
         self._touchdown_us = 0
         self.done = False
@@ -83,15 +82,15 @@ class Approach:
         self._turn_m = clean_mps**2 / (9.81 * math.tan(gains.bank_limit_rad))
         slowing_m = max((clean_mps**2 - gains.approach_mps**2) / (2.0 * _SLOWING_MPS2), 0.0)
         self._slow_m = -((self._level_m - self._ground_m) / self._slope + slowing_m)
-        """where to begin to slow down, at the latest"""
+        """latest position along the runway at which to slow down, m"""
         self._gate_m = self._slow_m - 6.0 * self._turn_m
         if not site.powered:
             self._gate_m = -self._glider_gate_m(truth)
             self._slow_m = self._gate_m + 4.0 * self._turn_m
 
     def _glider_gate_m(self, truth: Truth) -> float:
-        """How far before the aiming point a glider can turn in, with a tenth more height than the
-        glide path's."""
+        """Distance before the aiming point at which a glider can turn in, with a tenth more height
+        than the glide path's."""
         along_m, right_m = self._along_and_right(truth)
         to_go_m = along_m + abs(right_m) + 4.0 * self._turn_m
         gate_m = (self._height_m(truth) - to_go_m / _GLIDE_RATIO) / (
@@ -100,7 +99,7 @@ class Approach:
         if gate_m < 4.0 * self._turn_m or self._height_m(truth) < -along_m / _GLIDE_RATIO:
             raise SimulationError(
                 f"at {truth.time_us / 1e6:.2f} s the glider is too low for the runway: {self._height_m(truth):.0f} m "
-                f"above it, {abs(along_m):.0f} m along and {abs(right_m):.0f} m across"
+                f"above it, {abs(along_m):.0f} m along and {abs(right_m):.0f} m across: land from a higher leg"
             )
         return gate_m
 
@@ -175,7 +174,7 @@ class Approach:
         )
 
     def _level(self, heading_rad: float) -> Target:
-        """Level at the altitude of the start; without an engine, as flat as it glides."""
+        """Level flight at the altitude of the start; without an engine, the flattest glide."""
         if self._site.powered:
             return Target(Mode.ALTITUDE, heading_rad, self._level_m, 3.0, self._gains.clean_mps)
         return Target(Mode.AIRSPEED, heading_rad, airspeed_mps=self._gains.cruise_mps, throttle=0.0)
@@ -200,7 +199,7 @@ class Approach:
         return north_m * cos + east_m * sin - _AIM_M, east_m * cos - north_m * sin
 
     def _height_m(self, truth: Truth) -> float:
-        """Of the wheels above the runway."""
+        """Height of the wheels above the runway, m."""
         return truth.altitude_amsl_m - self._ground_m
 
 

@@ -1,11 +1,11 @@
-"""An autopilot of our own: JSBSim's c172p has none, and those its other models bring fail (no
-autothrottle, sinking).
+"""The simulated autopilot. JSBSim's c172p has none, and those of its other models do not hold speed
+or altitude.
 
 Inner loops hold pitch and bank; pitch follows the airspeed in a climb at full power and the
-vertical speed otherwise, when the throttle follows the airspeed. It is fed with the truth, and its
-altitude reference is the *true* geometric altitude, not the pressure altitude a real one would
-hold: a profile is then flown alike in all weathers, and what the weather does to the barometer is
-seen in the sensors alone.
+vertical speed otherwise, when the throttle follows the airspeed. Its input is the
+truth, and its altitude reference is the *true* geometric altitude, not the pressure altitude of a
+real autopilot: a profile is then flown alike in all weathers, and the weather changes the sensors
+alone.
 
 Speed brakes are the throttle's range below idle. Updated at `UPDATE_HZ`; the gains are data
 (`sim.pilot.gains`).
@@ -16,21 +16,21 @@ from dataclasses import dataclass
 from enum import Enum, auto
 
 from companion.errors import SimulationError
-from sim.aircraft import Controls, Truth
+from sim.aircraft_state import Controls, Truth
 from sim.pilot.gains import GAINS
 
 UPDATE_HZ = 50
 _DT_S = 1.0 / UPDATE_HZ
 _GEAR_UP_MPS = 2.0
-"""climbing faster than this, the gear goes up"""
+"""climb rate above which the landing gear is retracted"""
 _FLARE_BANK_RAD = 0.09
 _ALOFT_THROTTLE = 0.6
 _RETARD_PER_S = 0.4
-"""how fast the throttle is closed in the flare"""
+"""rate at which the throttle closes in the flare"""
 
 
 class Mode(Enum):
-    """What the vertical channel does."""
+    """Mode of the vertical channel."""
 
     PARKED = auto()
     TAKE_OFF = auto()
@@ -48,22 +48,22 @@ class Mode(Enum):
 
 @dataclass
 class Target:
-    """What the profile asks of the autopilot."""
+    """Targets that the profile gives the autopilot."""
 
     mode: Mode
     heading_rad: float
     altitude_amsl_m: float = 0.0
     vertical_speed_limit_mps: float = 3.0
     airspeed_mps: float | None = None
-    """None is the aircraft's own speed for the mode"""
+    """calibrated airspeed; None is the aircraft's own for the mode"""
     throttle: float = 1.0
-    """of mode AIRSPEED"""
+    """throttle in mode AIRSPEED"""
     climb_mps: float = 0.0
-    """vertical speed along the approach path, or of the flare"""
+    """vertical speed along the approach path, or in the flare"""
     bank_rad: float | None = None
-    """a bank to circle at, in place of the heading"""
+    """bank at which to circle instead of holding the heading"""
     brake: float = 0.0
-    """of the roll-out"""
+    """brake in the roll-out"""
 
 
 class Autopilot:
@@ -72,7 +72,7 @@ class Autopilot:
     def __init__(self, model: str) -> None:
         if model not in GAINS:
             raise SimulationError(
-                f"no autopilot gains for aircraft '{model}': there are {', '.join(sorted(GAINS))}"
+                f"aircraft '{model}' has no autopilot gains: give one of {', '.join(sorted(GAINS))}"
             )
         self.gains = GAINS[model]
         self._pitch_sum = 0.0
@@ -122,7 +122,7 @@ class Autopilot:
             return target.throttle
         if mode is Mode.FLARE:
             return min(self._throttle, _towards(self._throttle, 0.0, _RETARD_PER_S * _DT_S))
-        # On the approach half as fast: the flaps come out the while, and brake.
+        # On the approach half as fast, because the extending flaps decelerate too.
         haste = 0.5 if mode is Mode.APPROACH else 1.0
         return self._throttle_for_airspeed(
             self._slewed_airspeed(target.airspeed_mps or self.gains.cruise_mps, haste)
@@ -172,7 +172,8 @@ class Autopilot:
         self._throttle = _ALOFT_THROTTLE
 
     def _enter(self, mode: Mode, truth: Truth) -> None:
-        """Take over without a bump: the new law starts from the pitch that the old one commanded."""
+        """Change the mode without a step: the new law starts from the pitch that the old one
+        commanded."""
         self._mode = mode
         self._path_pitch = self._pitch_command
         self._sum_throttle = self._throttle
@@ -260,8 +261,8 @@ class Autopilot:
     def _pitch_for_climb(
         self, truth: Truth, climb_mps: float, lowest_mps: float, gain: float = 1.0
     ) -> float:
-        """The pitch that holds a vertical speed; below `lowest_mps` of airspeed, one that regains
-        speed."""
+        """The pitch that holds a vertical speed; below the airspeed `lowest_mps`, the pitch that
+        regains speed."""
         gains = self.gains
         slope_error = (
             gain * (climb_mps - truth.climb_mps) / max(self._airspeed_mps, gains.minimum_mps)
@@ -284,7 +285,7 @@ class Autopilot:
         return _clamp(self._sum_throttle + gains.throttle_p * error, lowest, 1.0)
 
     def _lateral(self, truth: Truth, target: Target) -> tuple[float, float]:
-        """Bank towards the heading, and a yaw damper that allows the turn's own rate."""
+        """Bank that turns to the heading, and a yaw damper that allows the rate of the turn."""
         gains = self.gains
         error = _wrapped(target.heading_rad - truth.yaw_rad)
         bank = _clamp(gains.heading_p * error, -gains.bank_limit_rad, gains.bank_limit_rad)
@@ -313,8 +314,8 @@ class Autopilot:
         return _clamp(surface * self._effectiveness(), -1.0, 1.0)
 
     def _effectiveness(self) -> float:
-        """What to make of a surface's command where the dynamic pressure is more than the gains
-        were found at."""
+        """Factor of the surface deflections above the dynamic pressure at which the gains were
+        tuned."""
         if self._airspeed_mps <= self.gains.full_surface_mps:
             return 1.0
         return (self.gains.full_surface_mps / self._airspeed_mps) ** 2

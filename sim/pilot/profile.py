@@ -1,4 +1,4 @@
-"""The flight profile: legs as data, and the sequence that turns them into the autopilot's targets."""
+"""The flight profile: legs as data, and the sequence that gives the autopilot its targets."""
 
 import math
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from pydantic import Field
 
 from companion.config import Settings
 from companion.errors import SimulationError
-from sim.aircraft import Truth
+from sim.aircraft_state import Truth
 from sim.pilot.approach import Approach, LandingSite
 from sim.pilot.autopilot import Mode, Target
 from sim.pilot.gains import Gains
@@ -23,14 +23,14 @@ Duration = Annotated[float, Field(gt=0.0, le=100_000.0)]
 
 
 class Flown(Settings):
-    """What legs in the air have in common."""
+    """Keys that all legs in the air have."""
 
     airspeed_mps: Airspeed | None = None
-    """calibrated; None is the aircraft's own for the leg"""
+    """calibrated airspeed of the leg; None takes the aircraft's own"""
     heading_deg: Heading | None = None
-    """None is that of the leg before"""
+    """heading of the leg; None keeps the heading of the leg before"""
     bank_deg: Bank | None = None
-    """circle at this bank instead, to the right if positive: with a climb or descent, a spiral"""
+    """bank at which the leg circles instead of holding a heading, positive to the right"""
 
 
 class Wait(Settings):
@@ -38,7 +38,7 @@ class Wait(Settings):
 
     leg: Literal["wait"]
     duration_s: Duration
-    """of the leg"""
+    """duration of the leg"""
 
 
 class TakeOff(Settings):
@@ -46,17 +46,18 @@ class TakeOff(Settings):
 
     leg: Literal["take_off"]
     height_m: Annotated[float, Field(ge=15.0, le=1000.0)] = 100.0
-    """above the runway, at which the leg is over"""
+    """height above the runway at which the leg ends"""
 
 
 class Climb(Flown):
-    """Full power at an airspeed to an altitude; or, with a rate, at that vertical speed."""
+    """Climb to an altitude at full power and an airspeed or, with a rate, at that vertical
+    speed."""
 
     leg: Literal["climb"]
     altitude_amsl_m: Altitude
-    """at which the leg is over, within 4 m"""
+    """altitude above mean sea level at which the leg ends, within 4 m"""
     rate_mps: Rate | None = None
-    """vertical speed; None is full power at the airspeed"""
+    """vertical speed of the climb; None climbs at full power and the airspeed"""
 
 
 class Hold(Flown):
@@ -65,49 +66,50 @@ class Hold(Flown):
 
     leg: Literal["hold"]
     duration_s: Duration
-    """of the leg"""
+    """duration of the leg"""
 
 
 class Descend(Flown):
-    """Down to an altitude at a vertical speed, and level off there. Speed brakes come out when it
-    gets too fast."""
+    """Descend to an altitude at a vertical speed and level off. Speed brakes extend when the
+    airspeed is too high."""
 
     leg: Literal["descend"]
     altitude_amsl_m: Altitude
-    """at which the leg is over, within 4 m"""
+    """altitude above mean sea level at which the leg ends, within 4 m"""
     rate_mps: Rate = 3.0
-    """vertical speed, down"""
+    """vertical speed of the descent, positive downwards"""
 
 
 class Glide(Flown):
-    """Engine idle, the pitch holds the airspeed, down to an altitude."""
+    """Descend to an altitude with the engine idling; the pitch holds the airspeed."""
 
     leg: Literal["glide"]
     altitude_amsl_m: Altitude
-    """below which the leg is over"""
+    """altitude above mean sea level below which the leg ends"""
 
 
 class Land(Settings):
     """Join the centre line at the present altitude, follow the glide path, flare, touch down and
     stop on the runway.
 
-    A touch-and-go ends rolling, and a take_off follows."""
+    A touch-and-go ends while the aircraft rolls, and a take_off follows."""
 
     leg: Literal["land"]
     glide_deg: Annotated[float, Field(ge=2.0, le=8.0)] = 3.0
-    """slope of the glide path"""
+    """slope of the glide path, degrees"""
     touch_and_go: bool = False
-    """take off again after four seconds on the wheels"""
+    """whether the aircraft takes off again after four seconds on the wheels"""
 
 
 Leg = Annotated[Wait | TakeOff | Climb | Hold | Descend | Glide | Land, Field(discriminator="leg")]
 
 CAPTURE_M = 4.0
-"""A climb or descent is over this close to its altitude; the hold that follows removes the rest."""
+"""Distance from its altitude at which a climb or descent ends; the hold that follows removes the
+rest."""
 
 
 class Profile:
-    """Walks through the legs. `update` returns the target of the moment; `done` says that the last
+    """Runs the legs in order. `update` returns the present target; `done` says that the last
     leg is over."""
 
     def __init__(

@@ -1,35 +1,34 @@
-"""Whether the wing still carries. A flight that stalls is no longer one of its profile, and ends
-there with one line.
+"""Stall detection: a flight whose wing stalls cannot follow its profile and ends with one line.
 
 A wing is stalled beyond the angle of attack at which its lift is greatest, whatever the airspeed,
-the bank or the load. That angle is read off the lift curve of JSBSim's model (`Model.stall_rad`).
-Gusts carry a healthy aircraft beyond it for a moment; one that stays there sinks, as the autopilot
-pulls for the altitude that it loses.
+the bank or the load. That angle is taken from the lift curve of JSBSim's model (`Model.stall_rad`).
+A gust can exceed it briefly; an aircraft that stays beyond it sinks while the autopilot pulls up.
 """
 
 import math
 from collections.abc import Callable
 
 from companion.errors import SimulationError
-from sim.aircraft import Aircraft, Truth
+from sim.aircraft import Aircraft
+from sim.aircraft_state import Truth
 from sim.pilot.profile import Climb, Flown, Leg
 
 _STAYS_US = 500_000
 _KNIFE_EDGE = 0.1
-"""least cosine of the bank that an airspeed is told for"""
+"""smallest cosine of the bank for which the message gives an airspeed"""
 
 
 class StallWatch:
-    """`check` it at every truth."""
+    """Checks the wing at every truth."""
 
     def __init__(self, aircraft: Aircraft) -> None:
         self._aircraft = aircraft
         self._since_us: int | None = None
         self._needed_mps = 0.0
-        """airspeed at which the greatest lift would carry the weight in this bank"""
+        """airspeed at which the greatest lift equals the weight in this bank"""
 
     def check(self, truth: Truth, leg: Leg, describe: Callable[[], str]) -> None:
-        """Raises `SimulationError` for a wing stalled in the air for half a second; `describe`
+        """Raise `SimulationError` if the wing is stalled in the air for half a second; `describe`
         names the leg."""
         angle_rad = self._aircraft.angle_of_attack_rad()
         if truth.on_ground or angle_rad <= self._aircraft.stall_rad:
@@ -49,8 +48,8 @@ class StallWatch:
             )
 
     def _enough_mps(self, truth: Truth) -> float:
-        """Lift goes with the square of the airspeed: from what the wing carries now to what the
-        bank asks of it."""
+        """Airspeed at which the lift, proportional to its square, equals that which the bank
+        needs."""
         carried = max(self._aircraft.flow().load, _KNIFE_EDGE)
         asked = 1.0 / max(math.cos(truth.roll_rad), _KNIFE_EDGE)
         return truth.airspeed_mps * math.sqrt(max(asked / carried, 1.0))

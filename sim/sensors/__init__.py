@@ -20,20 +20,21 @@ from pydantic import Field, field_validator, model_validator
 from companion.config import Settings
 
 _BLOCK = 240
-"""whole vectors of three; few enough that the blocks of all streams stay in the processor's cache"""
+"""whole vectors of three; few enough that the blocks of all streams stay in the processor's
+cache"""
 
 
 class SensorConfig(Settings):
-    """What all sensors can be told."""
+    """Parameters that all sensors have."""
 
     PRESETS: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     """name -> parameters of a real device"""
 
     preset: str = ""
-    """a real device, whose parameters take the place of the defaults; those given beside it count
+    """real device whose parameters replace the defaults; those given beside it count
     all the same"""
     seed: Annotated[int, Field(ge=0)] | None = None
-    """of this sensor alone; without it, the flight's"""
+    """seed of this sensor; left out, the seed of the flight"""
 
     @model_validator(mode="before")
     @classmethod
@@ -54,8 +55,8 @@ class SensorConfig(Settings):
 
 
 def normals(seed: int, *names: str) -> Iterator[float]:
-    """Standard normal numbers for ever: the same for the same seed and names, independent of every
-    other stream."""
+    """An endless sequence of standard normal numbers: the same for the same seed and names,
+    independent of every other stream."""
     for block in normal_blocks(seed, *names):
         yield from block.tolist()
 

@@ -33,7 +33,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
-from sim.aircraft import Flow
+from sim.aircraft_state import Flow
 from sim.sensors import GaussMarkov, SensorConfig, normals
 
 NonNegative = Annotated[float, Field(ge=0.0, le=10_000.0)]
@@ -74,30 +74,30 @@ class BarometerConfig(SensorConfig):
     PRESETS: ClassVar = PRESETS
 
     rate_hz: Literal[1, 2, 4, 5, 10, 20, 25, 50] | None = None
-    """new readings a second; without it, as many as the autopilot takes: ArduPilot 10, others 20.
+    """new readings a second; left out, those of the autopilot: ArduPilot 10, others 20.
     Asked for more, PX4 waits for the next reading, and others repeat the last"""
     white_sd_pa: NonNegative = 2.4
-    """standard deviation of a reading's own error, the others' apart"""
+    """standard deviation of the white noise of a reading"""
     wander_sd_pa: NonNegative = 5.0
     """standard deviation of the slow error, a first-order Gauss-Markov process"""
     wander_time_s: Positive = 300.0
     """correlation time of the slow error"""
     bias_pa: Annotated[float, Field(ge=-60_000.0, le=60_000.0)] = 0.0
-    """constant error of every specimen"""
+    """constant error of every device"""
     bias_sd_pa: NonNegative = 50.0
-    """and from specimen to specimen: one number a seed"""
+    """standard deviation of the constant error between devices: one number a seed"""
     lag_s: Annotated[float, Field(ge=0.0, le=10.0)] = 0.1
     """time constant of the static line and the filter"""
     warming_k: Annotated[float, Field(ge=-50.0, le=60.0)] = 20.0
-    """by which the die is above the air once warm"""
+    """final temperature of the die above the air"""
     warming_time_s: Positive = 120.0
-    """time constant of its warming from boot on"""
+    """time constant of the die's warming from boot on"""
     thermal_pa_per_k: Annotated[float, Field(ge=-100.0, le=100.0)] = 0.0
     """error for each kelvin of the die above 25 C"""
     thermal_sd_pa_per_k: NonNegative = 0.0
-    """from specimen to specimen"""
+    """standard deviation of `thermal_pa_per_k` between devices"""
     quantum_pa: NonNegative = 0.0
-    """readings are whole multiples of it"""
+    """resolution of a reading"""
     static_port: Coefficient = 0.0
     """error in parts of the dynamic pressure; positive reads low in flight"""
     sideslip: Coefficient = 0.0
@@ -105,7 +105,7 @@ class BarometerConfig(SensorConfig):
     ground_effect: Coefficient = 0.0
     """pressure rise at the ground in parts of the dynamic pressure"""
     ground_effect_height_m: Positive = 5.0
-    """over which it falls to 1/e"""
+    """height of the ground effect's decay to 1/e"""
     acceleration_pa_per_g: Annotated[float, Field(ge=-1000.0, le=1000.0)] = 0.0
     """error for each g above the one at rest"""
 
@@ -153,7 +153,8 @@ class Barometer:
     def measure(
         self, time_us: int, pressure_pa: float, temperature_k: float, flow: Flow | None = None
     ) -> Pressure:
-        """The reading of the true static pressure and air temperature. Call it every `period_us`."""
+        """The reading of the true static pressure and air temperature. Call it every
+        `period_us`."""
         config = self.config
         error_pa = 0.0
         if flow is not None:

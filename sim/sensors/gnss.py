@@ -26,7 +26,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
-from sim.aircraft import Truth
+from sim.aircraft_state import Truth
 from sim.sensors import GaussMarkov, SensorConfig, normals
 
 Metres = Annotated[float, Field(ge=0.0, le=1000.0)]
@@ -72,52 +72,53 @@ class GnssConfig(SensorConfig):
     rate_hz: Literal[1, 2, 5, 10, 25] = 5
     """fixes a second"""
     height_white_sd_m: Metres = 3.0
-    """standard deviation of a fix's own height error"""
+    """standard deviation of the white height error of a fix"""
     height_wander_sd_m: Metres = 3.0
     """standard deviation of the slow height error, a first-order Gauss-Markov process"""
     horizontal_white_sd_m: Metres = 1.0
-    """the same of north and of east"""
+    """standard deviation of the white error of a fix to the north, and to the east"""
     horizontal_wander_sd_m: Metres = 1.5
-    """the same of north and of east"""
+    """standard deviation of the slow error to the north, and to the east"""
     wander_time_s: Annotated[float, Field(gt=0.0, le=1e5)] = 300.0
     """correlation time of the slow errors"""
     velocity_sd_mps: Annotated[float, Field(ge=0.0, le=100.0)] = 0.1
-    """of each axis; also what it says of it"""
+    """standard deviation of the velocity of each axis; the receiver reports it as its accuracy"""
     latency_s: Annotated[float, Field(ge=0.0, le=5.0)] = 0.11
-    """from the moment a fix is true for until it reaches the autopilot"""
+    """latency of a fix, from its time of validity to its arrival at the autopilot"""
     latency_jitter_s: Annotated[float, Field(ge=0.0, le=5.0)] = 0.0
-    """more than that it comes late by the size of a normal number with this standard deviation"""
+    """standard deviation of a normal number whose magnitude is added to the latency"""
     stamp: Literal["arrival", "measurement"] = "arrival"
-    """what GPS_RAW_INT.time_usec says: when the autopilot parsed the fix (as ArduPilot), or when it
-    was true"""
+    """meaning of GPS_RAW_INT.time_usec: when the autopilot parsed the fix (as ArduPilot), or when
+    it was true"""
     first_fix_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 8.0
-    """from boot to the first fix"""
+    """time from boot to the first fix"""
     fix: Literal[3, 4, 5, 6] = 3
-    """MAVLink's type of its fix: 3D, DGPS, RTK float, RTK fixed"""
+    """MAVLink's fix type: 3 is 3D, 4 DGPS, 5 RTK float, 6 RTK fixed"""
     undulation_m: Annotated[float, Field(ge=-110.0, le=90.0)] = 47.6
-    """geoid above ellipsoid; EGM96 at 47 N 8 E"""
+    """height of the geoid above the ellipsoid; default: EGM96 at 47 N 8 E"""
     hdop: Annotated[float, Field(gt=0.0, le=50.0)] = 0.8
-    """dilution of precision it reports: eph"""
+    """reported horizontal dilution of precision (eph)"""
     vdop: Annotated[float, Field(gt=0.0, le=50.0)] = 1.3
-    """and epv"""
+    """reported vertical dilution of precision (epv)"""
     satellites: Annotated[int, Field(ge=4, le=60)] = 14
-    """it reports to use"""
+    """reported number of satellites"""
     accuracy: Literal["honest", "optimistic", "stuck"] = "honest"
-    """what h_acc and v_acc are: its errors' standard deviations, a part of them, or always the same"""
+    """reported accuracy (h_acc, v_acc): the errors' standard deviations, a part of them, or
+    constant"""
     optimism: Annotated[float, Field(gt=0.0, le=1.0)] = 0.3
-    """the part that an optimistic receiver admits"""
+    """share of the errors' standard deviations that an optimistic receiver reports"""
     stuck_accuracy_m: Metres = 1.0
-    """h_acc and v_acc of a receiver whose accuracy is stuck"""
+    """constant h_acc and v_acc of a receiver with `accuracy: stuck`"""
     multipath_sd_m: Metres = 0.0
-    """of the height on the ground"""
+    """standard deviation of the height error by multipath on the ground"""
     multipath_height_m: Annotated[float, Field(gt=0.0, le=1000.0)] = 30.0
-    """over which it falls to 1/e"""
+    """height of the multipath error's decay to 1/e"""
     multipath_time_s: Annotated[float, Field(gt=0.0, le=1e4)] = 30.0
-    """correlation time"""
+    """correlation time of the multipath error"""
 
 
 class Fix(NamedTuple):
-    """What the autopilot has from the receiver. Everything but the times is meaningless below fix
+    """A fix as the autopilot receives it. Everything but the times is meaningless below fix
     type 3."""
 
     measured_us: int

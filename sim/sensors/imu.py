@@ -24,7 +24,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from sim.aircraft import G0_MPS2, Motion, Vector
+from sim.aircraft_state import G0_MPS2, Motion, Vector
 from sim.sensors import GaussMarkov, SensorConfig, normal_blocks, normals
 
 Small = Annotated[float, Field(ge=0.0, le=10.0)]
@@ -68,29 +68,29 @@ class ImuConfig(SensorConfig):
     accel_noise_mps2_rthz: Small = 0.02
     """white noise of each accelerometer"""
     accel_bias_sd_mps2: Small = 0.1
-    """of the bias at boot, of each axis"""
+    """standard deviation of the accelerometer bias of each axis at boot"""
     accel_walk_mps2_rts: Small = 3e-4
-    """bias random walk, m/s2 per root second: 0.01 m/s2 in twenty minutes"""
+    """accelerometer bias random walk, m/s2 per root second: 0.01 m/s2 in twenty minutes"""
     gyro_noise_radps_rthz: Small = 5e-4
     """white noise of each gyro"""
     gyro_bias_sd_radps: Small = 0.01
-    """of the bias at boot, of each axis"""
+    """standard deviation of the gyro bias of each axis at boot"""
     gyro_walk_radps_rts: Small = 1e-5
-    """random walk of the bias"""
+    """gyro bias random walk, rad/s per root second"""
     accel_thermal_sd_mps2_per_k: Small = 0.0
-    """bias for each kelvin that the die is below its final temperature"""
+    """standard deviation of the bias for each kelvin that the die is below its final temperature"""
     gyro_thermal_sd_radps_per_k: Small = 0.0
-    """bias for each kelvin that the die is below its final temperature"""
+    """standard deviation of the bias for each kelvin that the die is below its final temperature"""
     scale_sd: Annotated[float, Field(ge=0.0, le=0.2)] = 0.0
-    """of each axis, accelerometers and gyros alike, in parts of one"""
+    """standard deviation of the scale error of each accelerometer and gyro, 0.01 is 1 %"""
     misalignment_sd_rad: Annotated[float, Field(ge=0.0, le=0.2)] = 0.0
-    """of each axis towards each other"""
+    """standard deviation of the angle of each axis towards each other axis"""
     accel_range_mps2: Range = 16.0 * G0_MPS2
-    """beyond which it reads the end of its range"""
+    """measuring range of an accelerometer; a larger value reads as the end of the range"""
     gyro_range_radps: Range = 2000.0 * _DEG
-    """beyond which it reads the end of its range"""
+    """measuring range of a gyro; a larger value reads as the end of the range"""
     vibration_mps2: Annotated[float, Field(ge=0.0, le=500.0)] = 0.0
-    """peak, on each axis"""
+    """peak acceleration of the vibration on each axis"""
     vibration_hz: Annotated[float, Field(gt=0.0, le=2000.0)] = 80.0
     """frequency of the vibration, the engine's firing"""
     vibration_spread_hz: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
@@ -98,9 +98,9 @@ class ImuConfig(SensorConfig):
     averaged: bool = True
     """whether a sample is the mean of the vibration over its interval"""
     temperature_k: Annotated[float, Field(ge=200.0, le=400.0)] = 313.15
-    """of the die, held by its heater"""
+    """final temperature of the die, held by its heater"""
     warming_k: Annotated[float, Field(ge=0.0, le=80.0)] = 0.0
-    """by which the die is colder at boot"""
+    """temperature of the die at boot below its final temperature"""
     warming_time_s: Annotated[float, Field(gt=0.0, le=1e5)] = 120.0
     """time constant of the die's warming from boot on"""
 
@@ -162,7 +162,7 @@ class _Triad:
 
 
 def _mounting(seed: int, name: str, config: ImuConfig) -> list[Vector] | None:
-    """What multiplies the true vector; None for a perfect one."""
+    """Matrix that multiplies the true vector; None for a perfect sensor."""
     if not config.scale_sd and not config.misalignment_sd_rad:
         return None
     draw = normals(seed, "imu", name, "mounting")

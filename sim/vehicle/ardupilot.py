@@ -15,7 +15,7 @@ from enum import Enum
 
 from companion.mavlink.codec import mavlink
 from sim import BOOT_UNIX_US
-from sim.aircraft import G0_MPS2, Motion, Truth
+from sim.aircraft_state import G0_MPS2, Motion, Truth
 from sim.sensors.barometer import Pressure
 from sim.sensors.gnss import Fix
 from sim.sensors.imu import ImuSample

@@ -12,7 +12,7 @@ from typing import Annotated, NamedTuple
 
 from pydantic import Field
 
-from sim.aircraft import Truth
+from sim.aircraft_state import Truth
 from sim.sensors import GaussMarkov, SensorConfig, normals
 from sim.sensors.barometer import Pressure
 from sim.sensors.gnss import Fix
@@ -36,7 +36,7 @@ class EstimateConfig(SensorConfig):
 
 
 class Position(NamedTuple):
-    """Where the vehicle believes to be."""
+    """The vehicle's own estimate of its position and velocity."""
 
     latitude_deg: float
     longitude_deg: float

@@ -13,7 +13,7 @@ that of ``estimate.py`` (barometric) and not EKF2's.
 import math
 from collections.abc import Mapping
 
-from sim.aircraft import G0_MPS2
+from sim.aircraft_state import G0_MPS2
 from sim.sensors.barometer import Pressure
 from sim.vehicle import ardupilot as common
 from sim.vehicle.ardupilot import Fresh, State, Telemetry, field_b_mgauss, int16

@@ -1,12 +1,11 @@
-"""The weather over a flight: what the air is at each place and time. JSBSim turns it into air
-around the aircraft.
+"""The weather of a flight: pressure, temperature, humidity and wind at each place and time.
 
 The sea-level pressure and the temperature deviation go into JSBSim's atmosphere, which integrates
 the column above hydrostatically: at a given geometric altitude both move the static pressure, and
-so a barometer. With a temperature profile or humidity the column is integrated here (``column``)
-and takes the place of JSBSim's for the whole flight.
+so a barometer. With a temperature profile or humidity, ``column`` integrates the column and
+replaces JSBSim's for the whole flight.
 
-``fields`` has what depends on the place; ``metar`` makes a day of its reports.
+``fields`` has the weather that depends on the place; ``metar`` derives weather from reports.
 """
 
 import itertools
@@ -16,7 +15,8 @@ from typing import Annotated, NamedTuple
 from pydantic import Field, model_validator
 
 from companion.config import Settings
-from sim.aircraft import Aircraft, Truth
+from sim.aircraft import Aircraft
+from sim.aircraft_state import Truth
 from sim.weather.column import Column, pressure_altitude_m, standard_k
 from sim.weather.fields import (
     Change,
@@ -37,9 +37,10 @@ STANDARD_HPA = 1013.25
 _EARTH_M_PER_DEG = 111_319.49
 _NO_CORIOLIS_DEG = 10.0
 _RESOLVE_K = 5e-4
-"""A smaller change of the offset is not worth integrating the column anew: 0.04 Pa at 2400 m."""
+"""Change of the temperature offset below which the column is not integrated again: 0.04 Pa at 2400
+m."""
 _RESOLVE_HUMIDITY = 2.5e-4
-"""nor one of the humidity, which weighs as much at 15 C"""
+"""Change of the humidity below which the column is not integrated again; as much at 15 C"""
 
 
 class PressurePoint(Settings):
@@ -47,9 +48,9 @@ class PressurePoint(Settings):
     after the last."""
 
     time_s: Time
-    """since boot"""
+    """time since boot"""
     sea_level_hpa: Annotated[float, Field(ge=850.0, le=1100.0)]
-    """of the column of air; it is the QNH on a standard day"""
+    """pressure of the air column at sea level; the QNH on a standard day"""
 
 
 class TemperaturePoint(Settings):
@@ -57,9 +58,9 @@ class TemperaturePoint(Settings):
     boot."""
 
     time_s: Time
-    """since boot"""
+    """time since boot"""
     offset_k: Annotated[float, Field(ge=-60.0, le=45.0)]
-    """warmer than standard, at every height: the day called ISA + this"""
+    """temperature deviation from the standard atmosphere at every height (ISA + offset)"""
 
 
 class ProfilePoint(Settings):
@@ -67,9 +68,9 @@ class ProfilePoint(Settings):
     constant outside."""
 
     altitude_amsl_m: Annotated[float, Field(ge=-500.0, le=20_000.0)]
-    """above mean sea level"""
+    """altitude above mean sea level of this point"""
     offset_k: Annotated[float, Field(ge=-60.0, le=45.0)]
-    """warmer than standard at that height"""
+    """temperature deviation from the standard atmosphere at this altitude"""
 
 
 class Turbulence(Settings):
@@ -81,9 +82,9 @@ class Turbulence(Settings):
     """
 
     severity: Annotated[int, Field(ge=0, le=7)] = 0
-    """0 none, 3 light, 4 moderate, 6 severe"""
+    """severity above 600 m AMSL: 0 none, 3 light, 4 moderate, 6 severe"""
     wind_at_6m_mps: Annotated[float, Field(ge=0.0, le=40.0)] = 0.0
-    """which makes the turbulence below 600 m AMSL; it does not blow"""
+    """wind speed at 6 m that scales the turbulence below 600 m AMSL; it adds no wind"""
 
 
 class WeatherConfig(Settings):
@@ -92,9 +93,9 @@ class WeatherConfig(Settings):
     pressure: tuple[PressurePoint, ...] = ()
     temperature: tuple[TemperaturePoint, ...] = ()
     profile: tuple[ProfilePoint, ...] = ()
-    """temperature over height: another lapse rate, an inversion"""
+    """Temperature profile over height, for another lapse rate or an inversion."""
     relative_humidity: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
-    """of the whole troposphere, in parts of one; moist air is lighter"""
+    """relative humidity of the whole troposphere, 0 to 1; moist air is lighter"""
     wind: Wind = Wind()
     turbulence: Turbulence = Turbulence()
     front: Front | None = None
@@ -103,7 +104,7 @@ class WeatherConfig(Settings):
     mountain_wave: MountainWave | None = None
     gusts: tuple[Gust, ...] = ()
     metar: Metar | None = None
-    """in place of pressure, temperature, relative_humidity and wind"""
+    """METAR reports; they replace pressure, temperature, relative_humidity and wind."""
 
     @model_validator(mode="after")
     def _in_order(self) -> "WeatherConfig":
@@ -120,13 +121,13 @@ class WeatherConfig(Settings):
         )
         if self.metar is not None and told_twice:
             raise ValueError(
-                "metar takes the place of pressure, temperature, humidity and wind: give one or the other"
+                "metar replaces pressure, temperature, humidity and wind: delete metar, or delete these"
             )
         return self
 
     @property
     def fields(self) -> list[Front | Gradient | Diurnal | MountainWave | Gust]:
-        """Those that depend on place and time."""
+        """The fields, which depend on place and time."""
         single = (self.front, self.gradient, self.diurnal, self.mountain_wave)
         return [field for field in (*single, *self.gusts) if field is not None]
 
@@ -135,7 +136,7 @@ class Now(NamedTuple):
     """The true weather at the aircraft."""
 
     sea_level_pa: float
-    """of the column it is in, without what a wave adds"""
+    """sea-level pressure of the column at the aircraft, without the pressure of a wave, Pa"""
     offset_k: float
     north_mps: float
     east_mps: float
@@ -143,26 +144,26 @@ class Now(NamedTuple):
 
 
 class TrueAir(NamedTuple):
-    """What a perfect meteorologist aboard would say."""
+    """True values of the air at the aircraft."""
 
     qnh_pa: float
-    """what an altimeter has to be set to for it to show, on a field as high as the runway below the
-    aircraft, its elevation"""
+    """altimeter setting that shows the elevation on a field below the aircraft as high as the
+    runway, Pa"""
     sea_level_pa: float
-    """of the column the aircraft is in (QFF); QNH but for the temperature of the air below the
-    field"""
+    """sea-level pressure of the column at the aircraft (QFF), Pa; it differs from the QNH by the
+    temperature of the air below the field"""
     offset_k: float
-    """temperature at the aircraft less the standard atmosphere's there"""
+    """temperature at the aircraft minus the standard atmosphere's there, K"""
     pressure_altitude_m: float
-    """geopotential height at which the standard atmosphere has the static pressure at the aircraft"""
+    """geopotential height at which the standard atmosphere has the aircraft's static pressure, m"""
     north_mps: float
     east_mps: float
     down_mps: float
-    """the wind without its turbulence: where the air goes"""
+    """velocity of the air without turbulence, m/s"""
 
 
 class Weather:
-    """Applies a `WeatherConfig` to an aircraft; `update` as often as the ramps are to be smooth."""
+    """Applies a `WeatherConfig` to an aircraft; each `update` sets the weather of one instant."""
 
     def __init__(self, config: WeatherConfig, aircraft: Aircraft) -> None:
         self._aircraft = aircraft
@@ -184,7 +185,7 @@ class Weather:
         moist = any(humidity for _, humidity in day.relative_humidity)
         self._column = layers if config.profile or moist else None
         self._standard, self._own = Column(), Column()
-        """for the QNH: the standard day, and JSBSim's column once more"""
+        """columns for the QNH: the standard day's, and a copy of JSBSim's"""
         self._own_k = 0.0
         self._solved: tuple[float, float] | None = None
         self._applied_air: tuple[float, float, float] | None = None
@@ -193,7 +194,7 @@ class Weather:
         self.update(0.0)
 
     def _day(self, config: WeatherConfig, layers: Column) -> Day:
-        """What changes with time alone."""
+        """The weather that depends on time alone."""
         if config.metar is not None:
             return config.metar.day(self._aircraft.ground_m, layers)
         north_mps, east_mps = config.wind.vector_mps
@@ -207,12 +208,12 @@ class Weather:
         )
 
     def at(self, time_s: float) -> tuple[float, float]:
-        """Sea-level pressure (Pa) and temperature deviation (K) of the ramps, without what depends
-        on the place."""
+        """Sea-level pressure (Pa) and temperature deviation (K) of the ramps, without the
+        fields."""
         return self._pressure_hpa(time_s) * 100.0, self._offset_k(time_s)
 
     def update(self, time_s: float) -> None:
-        """Make it the weather of this time, where the aircraft is."""
+        """Set the weather of this time at the aircraft."""
         sea_level_pa, offset_k = self.at(time_s)
         north, east, down = self._wind_mps[0](time_s), self._wind_mps[1](time_s), 0.0
         ratio = 1.0
@@ -228,7 +229,7 @@ class Weather:
         self._apply((sea_level_pa * ratio, offset_k, self._humidity(time_s)), (north, east, down))
 
     def truth(self, truth: Truth) -> TrueAir:
-        """The air of the last `update`, at an aircraft that is where `truth` says."""
+        """The air of the last `update` at the position of `truth`."""
         now = self.now
         return TrueAir(
             self._qnh_pa(),
@@ -241,7 +242,7 @@ class Weather:
         )
 
     def _qnh_pa(self) -> float:
-        """The field's pressure, brought down to sea level through the standard column."""
+        """The field's pressure reduced to sea level through the standard column, Pa."""
         column = self._column
         if column is None:
             column = self._own

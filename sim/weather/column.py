@@ -1,10 +1,10 @@
-"""A column of air in hydrostatic balance, for what JSBSim's own cannot hold: layers, inversions,
-humidity.
+"""A column of air in hydrostatic balance with layers, inversions and humidity, which JSBSim's own
+cannot represent.
 
 The temperature is the standard atmosphere's plus an offset plus a profile, linear between nodes;
 the pressure follows from d(ln p) = -g0 dH / (R Tv), integrated in closed form from node to node,
 with H the geopotential height and Tv the virtual temperature of moist air. Without profile and
-humidity it is JSBSim's column (a test holds 0.01 Pa up to 12 km).
+humidity it equals JSBSim's column (within 0.01 Pa up to 12 km, tested).
 
 Nothing here comes from the companion: the simulator must not share the estimator's model of the
 air.
@@ -35,8 +35,8 @@ _STRATOSPHERE_M = 20_000.0
 _BOTTOM_M, _STEP_M = -500.0, 100.0
 _FLAT_K = 1e-6
 _ROUNDS, _SETTLED = 6, 5e-6
-"""of the pressure that dilutes the vapour: each round leaves a fiftieth of the last change, here
-0.01 Pa"""
+"""Iterations, and largest relative change (0.01 Pa) at the last, of the pressure that dilutes the
+vapour; each iteration leaves a fiftieth of the change before."""
 
 Array = NDArray[np.float64]
 

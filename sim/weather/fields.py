@@ -1,7 +1,8 @@
-"""Weather that is not the same everywhere or all the time: fronts, gradients, the day's course,
-gusts, mountain waves.
+"""Weather that depends on place and time: fronts, gradients, the day's course, gusts, mountain
+waves.
 
-Each is a section of a scenario and says what it changes `at` a place and time; the changes add up.
+Each field is a section of a scenario. Its method `at` returns the change at a place and time; the
+changes of all fields add up.
 """
 
 import math
@@ -14,10 +15,10 @@ from companion.config import Settings
 
 EARTH_RATE_RADPS = 7.292115e-5
 _DENSITY_KGPM3 = 1.225
-"""of the low level air in the balance of wind and pressure"""
+"""density of the low-level air in the balance of wind and pressure"""
 _FRICTION_HEIGHT_M, _FRICTION_KEEPS, _FRICTION_TURN_RAD = 600.0, 0.6, math.radians(25.0)
-"""the friction layer: at the ground the wind has six tenths of its strength and blows 25 degrees
-towards the low"""
+"""friction layer: at the ground the wind has 0.6 of its strength and blows 25 degrees towards the
+lower pressure"""
 _STABILITY_HZ = 0.012
 """Brunt and Vaisala's frequency (rad/s) of a standard troposphere"""
 _GUST_EVERY_S, _GUST_S = 60.0, 12.0
@@ -30,27 +31,27 @@ Distance = Annotated[float, Field(ge=-2e6, le=2e6)]
 
 
 class WeatherPoint(NamedTuple):
-    """Where and when the weather is asked for."""
+    """Place and time at which the weather is evaluated."""
 
     time_s: float
     north_m: float
     east_m: float
-    """from the runway"""
+    """distance east of the runway, m"""
     altitude_m: float
     height_m: float
-    """above the runway"""
+    """height above the runway, m"""
     latitude_deg: float
     wind_mps: tuple[float, float]
-    """the steady wind, north and east"""
+    """steady wind towards north and east, m/s"""
 
     def towards(self, direction_deg: float) -> float:
-        """How far it is from the runway in a direction."""
+        """Distance from the runway along a direction, m."""
         angle = math.radians(direction_deg)
         return self.north_m * math.cos(angle) + self.east_m * math.sin(angle)
 
 
 class Change(NamedTuple):
-    """What a piece of weather adds."""
+    """Change that one field adds to the weather."""
 
     sea_level_pa: float = 0.0
     offset_k: float = 0.0
@@ -58,53 +59,53 @@ class Change(NamedTuple):
     east_mps: float = 0.0
     down_mps: float = 0.0
     local_pa: float = 0.0
-    """to the static pressure just there, not to the column"""
+    """change of the static pressure at this point alone, not of the column, Pa"""
 
 
 class Wind(Settings):
     """A steady wind, and the direction it comes from."""
 
     speed_mps: Annotated[float, Field(ge=0.0, le=60.0)] = 0.0
-    """the same at all heights"""
+    """wind speed at all heights"""
     from_deg: Direction = 0.0
-    """true direction that it comes from"""
+    """true direction from which the wind blows"""
 
     @property
     def vector_mps(self) -> tuple[float, float]:
-        """Towards north and east."""
+        """Wind towards north and east, m/s."""
         direction = math.radians(self.from_deg)
         return -self.speed_mps * math.cos(direction), -self.speed_mps * math.sin(direction)
 
 
 class Front(Settings):
-    """A line that comes over the land: a trough with it, other air and another wind behind it.
+    """A front: a line with a pressure trough, and other air and another wind behind it.
 
-    Over time with a ``speed_mps``; along the track without, when the aircraft flies through one
-    that stands.
+    With a ``speed_mps`` it passes over time; with speed zero it stands, and the aircraft flies
+    through it.
     """
 
     kind: Literal["cold", "warm"] = "cold"
-    """what is left out is that of its kind: width 8 or 40 km, trough 2 or 1 hPa, step +3 or -3 hPa
-    and -8 or +6 K"""
+    """kind of front; it sets the defaults of cold or warm: width 8 or 40 km, trough 2 or 1 hPa,
+    step +3 or -3 hPa and -8 or +6 K"""
     from_deg: Direction = 270.0
-    """where it comes from, or lies"""
+    """true direction from which the front comes, or in which it stands"""
     distance_m: Distance = 30_000.0
-    """from the runway, at boot"""
+    """distance of the front from the runway at boot"""
     speed_mps: Speed = 12.0
-    """of the line, towards the runway and beyond; 0 stands still, to be flown through"""
+    """speed of the front towards the runway and beyond; 0 lets it stand"""
     width_m: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
-    """76 % of all changes come within this distance of the line, on both sides of it"""
+    """distance on each side of the line within which 76 % of the changes happen"""
     trough_hpa: Annotated[float, Field(ge=0.0, le=30.0)] | None = None
-    """how much lower the pressure is along the line"""
+    """pressure deficit along the line"""
     pressure_step_hpa: Annotated[float, Field(ge=-30.0, le=30.0)] | None = None
-    """from before to behind it"""
+    """pressure change from before to behind the front"""
     temperature_step_k: Annotated[float, Field(ge=-25.0, le=25.0)] | None = None
-    """of the whole column, from before to behind it"""
+    """temperature change of the whole column from before to behind the front"""
     wind_behind: Wind | None = None
-    """without it, the wind stays"""
+    """Wind behind the front; left out, the wind does not change."""
 
     def value(self, name: str) -> float:
-        """A parameter of this front, or what is usual for its kind."""
+        """A parameter of this front; the default of its kind if it is not given."""
         own: float | None = getattr(self, name)
         return FRONTS[self.kind][name] if own is None else own
 
@@ -129,8 +130,8 @@ class Front(Settings):
 
 
 FRONTS: Mapping[str, Mapping[str, float]] = {
-    # A sharp cold front: minutes wide, the pressure jumps behind it. A warm front is broad, and the
-    # pressure stays low.
+    # A cold front is narrow (minutes), and the pressure rises behind it. A warm front is broad, and
+    # the pressure stays low.
     "cold": {
         "width_m": 8_000.0,
         "trough_hpa": 2.0,
@@ -147,15 +148,14 @@ FRONTS: Mapping[str, Mapping[str, float]] = {
 
 
 class Gradient(Settings):
-    """A pressure that rises across the land, and the geostrophic wind that goes with it, less in
-    the friction layer."""
+    """A horizontal pressure gradient and its geostrophic wind, reduced in the friction layer."""
 
     hpa_per_100km: Annotated[float, Field(ge=0.0, le=10.0)] = 1.5
-    """how fast the pressure rises"""
+    """horizontal pressure gradient"""
     towards_deg: Direction = 180.0
-    """where the pressure is higher"""
+    """true direction in which the pressure rises"""
     wind: bool = True
-    """whether the wind that balances it blows"""
+    """whether the geostrophic wind of the gradient blows"""
 
     def at(self, point: WeatherPoint) -> Change:
         slope = self.hpa_per_100km * 100.0 / 100_000.0
@@ -176,14 +176,16 @@ class Gradient(Settings):
 
 
 class Diurnal(Settings):
-    """The course of a day: warmest at 15 h, and the atmosphere's tide, highest at 10 h and 22 h."""
+    """The course of a day: temperature highest at 15 h, atmospheric tide highest at 10 h and 22
+    h."""
 
     start_h: Annotated[float, Field(ge=0.0, lt=24.0)] = 9.0
     """local solar time of the boot"""
     temperature_k: Annotated[float, Field(ge=0.0, le=25.0)] = 6.0
-    """amplitude"""
+    """amplitude of the temperature"""
     pressure_hpa: Annotated[float, Field(ge=0.0, le=5.0)] = 0.5
-    """amplitude: 1.2 hPa at the equator, 0.5 at 45 degrees [Chapman and Lindzen 1970, chapter 2]"""
+    """amplitude of the atmospheric tide: 1.2 hPa at the equator, 0.5 at 45 degrees [Chapman and
+    Lindzen 1970, chapter 2]"""
 
     def at(self, point: WeatherPoint) -> Change:
         hour = self.start_h + point.time_s / 3600.0
@@ -197,15 +199,15 @@ class Gust(Settings):
     """One discrete gust, (1 - cos) in time [CS 23.333 (c)]."""
 
     time_s: Time
-    """since boot, of its beginning"""
+    """time since boot at which the gust begins"""
     duration_s: Annotated[float, Field(ge=0.5, le=600.0)] = 8.0
-    """from its beginning to its end"""
+    """duration of the gust"""
     speed_mps: Speed = 8.0
-    """horizontal, at its height in the middle"""
+    """horizontal wind speed at the middle of the gust"""
     from_deg: Direction = 0.0
-    """true direction that it comes from"""
+    """true direction from which the wind blows"""
     up_mps: Annotated[float, Field(ge=-15.0, le=15.0)] = 0.0
-    """updraught in the middle; negative is down"""
+    """vertical wind at the middle of the gust, positive upwards"""
 
     def at(self, point: WeatherPoint) -> Change:
         share = (point.time_s - self.time_s) / self.duration_s
@@ -223,8 +225,7 @@ class Gust(Settings):
 
 
 class ReportedGusts(NamedTuple):
-    """The gusts of weather reports: once a minute the wind rises, (1 - cos) in time, and falls
-    again.
+    """The gusts of weather reports: one (1 - cos) gust a minute.
 
     A station reports the highest wind of ten minutes. When in its minute a gust comes, and which
     part of the reported one it is, follows multiples of irrational numbers, which leave no gaps:
@@ -232,7 +233,7 @@ class ReportedGusts(NamedTuple):
     """
 
     excess_mps: Callable[[float], float]
-    """over time: how far the reported gusts are above the mean wind"""
+    """reported gust speed above the mean wind over time, m/s"""
 
     def at(self, point: WeatherPoint) -> Change:
         excess_mps, speed_mps = self.excess_mps(point.time_s), math.hypot(*point.wind_mps)
@@ -248,8 +249,8 @@ class ReportedGusts(NamedTuple):
 
 
 class MountainWave(Settings):
-    """A standing wave behind a ridge: air that goes up and down, and a static pressure that is not
-    the column's.
+    """A standing wave behind a ridge: vertical wind, and a static pressure that differs from the
+    column's.
 
     Linear theory of a hydrostatic wave that carries energy upwards: p' = rho N / k w, in phase with
     the updraught w, k the wave number and N the air's stability [Gill, Atmosphere-Ocean Dynamics,
@@ -257,15 +258,15 @@ class MountainWave(Settings):
     """
 
     up_mps: Annotated[float, Field(ge=0.0, le=12.0)] = 3.0
-    """amplitude"""
+    """amplitude of the vertical wind"""
     wavelength_m: Annotated[float, Field(ge=2_000.0, le=100_000.0)] = 15_000.0
-    """from one updraught to the next"""
+    """distance from one updraught to the next"""
     along_deg: Direction = 90.0
-    """across the ridge"""
+    """true direction across the ridge, away from the runway"""
     distance_m: Distance = 5_000.0
-    """of the ridge from the runway; there is no wave before it"""
+    """distance of the ridge from the runway; the wave begins behind it"""
     rise_m: Annotated[float, Field(gt=0.0, le=10_000.0)] = 1_000.0
-    """height above the runway over which it grows to 1 - 1/e"""
+    """height above the runway at which the wave has 1 - 1/e of its amplitude"""
 
     def at(self, point: WeatherPoint) -> Change:
         beyond_m = point.towards(self.along_deg) - self.distance_m

@@ -1,12 +1,11 @@
-"""A real day from its METARs: pressure, temperature, humidity and wind over time, as one station
-reports them.
+"""Weather from METAR reports of one station: pressure, temperature, humidity and wind over time.
 
-Read with the package ``metar`` (python-metar, BSD; pure Python, kept since 2004), part of the extra
-``sim``.
+The package ``metar`` (python-metar, BSD; pure Python, maintained since 2004) of the extra ``sim``
+reads the reports.
 """
 
 import warnings
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from pydantic import Field, field_validator
@@ -21,23 +20,23 @@ _DAY_S = 86_400.0
 
 
 class Report(NamedTuple):
-    """What one METAR says; None where it is silent."""
+    """Values of one METAR; None for a value that it does not report."""
 
     time_s: float
-    """since the first"""
+    """time since the first report, s"""
     qnh_hpa: float | None
     temperature_k: float | None
     dew_point_k: float | None
     wind_mps: tuple[float, float] | None
     gust_mps: float | None
-    """above the mean wind; 0 when there is a wind and no word of gusts"""
+    """gust speed above the mean wind, m/s; 0 for a wind without reported gusts"""
 
 
 Points = list[tuple[float, float]]
 
 
 class Day(NamedTuple):
-    """What the reports make of a day: (time since boot, value) of each quantity that they tell."""
+    """Weather over time: (time since boot in s, value) of each reported quantity."""
 
     sea_level_hpa: Points
     offset_k: Points
@@ -48,12 +47,12 @@ class Day(NamedTuple):
 
 
 class Metar(Settings):
-    """Reports of one station, in the order of their times; the first is the boot."""
+    """METAR reports of one station in the order of their times; the first report is at boot."""
 
     reports: Annotated[tuple[str, ...], Field(min_length=1, max_length=1000)]
-    """METAR lines; pressure, temperature, dew point, mean wind and its gusts (one a minute) count"""
+    """METAR lines; pressure, temperature, dew point, mean wind and gusts (one a minute) are used"""
     hurry: Annotated[float, Field(ge=1.0, le=1000.0)] = 1.0
-    """how many times as fast as in reality the day goes by"""
+    """factor by which the reported weather changes faster than in reality"""
 
     @field_validator("reports")
     @classmethod
@@ -63,7 +62,9 @@ class Metar(Settings):
         except SimulationError as error:
             raise ValueError(str(error)) from None
         if all(report.qnh_hpa is None for report in read):
-            raise ValueError("no report tells the pressure (Q1013 or A2992)")
+            raise ValueError(
+                "no report has a pressure: give at least one report with Q1013 or A2992"
+            )
         return reports
 
     def day(self, elevation_m: float, column: Column) -> Day:
@@ -93,9 +94,8 @@ class Metar(Settings):
                 day.gust_mps.append((time_s, report.gust_mps))
         offset_k, humidity = Ramp(day.offset_k, 0.0), Ramp(day.relative_humidity, 0.0)
         for time_s, report in reports:
-            if (
-                report.qnh_hpa is not None
-            ):  # through the air that will be flown in, which other reports may tell
+            # The column is that of the flight, whose temperature may come from another report.
+            if report.qnh_hpa is not None:
                 column.solve(offset_k(time_s), humidity(time_s))
                 station_hpa = report.qnh_hpa * standard_pa
                 day.sea_level_hpa.append(
@@ -105,14 +105,13 @@ class Metar(Settings):
 
 
 def _relative_humidity(temperature_k: float, dew_point_k: float) -> float:
-    """The vapour there is in parts of the vapour there could be."""
+    """Vapour pressure divided by saturation vapour pressure, at most 1."""
     there_pa, could_pa = map(float, saturation_pa(np.array([dew_point_k, temperature_k])))
     return min(1.0, there_pa / could_pa)
 
 
-def parse(lines: tuple[str, ...]) -> list[Report]:
-    """The reports, timed from the first. Raises SimulationError for what is no METAR, or out of
-    order."""
+def _read(line: str) -> Any:
+    """One report, with a time. Raises SimulationError for what is no METAR."""
     try:
         from metar.Metar import Metar as Parser
         from metar.Metar import ParserError
@@ -120,20 +119,26 @@ def parse(lines: tuple[str, ...]) -> list[Report]:
         raise SimulationError(
             "METARs need the package metar: pip install 'kollsman[sim]'"
         ) from error
+    try:
+        # The parser warns of groups that it does not know; the groups that count are read here.
+        with warnings.catch_warnings(action="ignore"):
+            # The month is not in a METAR; a fixed one keeps the clock of the host out.
+            report = Parser(line, month=1, year=2026, strict=False)
+    except (ParserError, ValueError) as error:
+        raise SimulationError(f"'{line}' is no METAR: {' '.join(str(error).split())}") from None
+    if report.time is None:
+        raise SimulationError(f"'{line}' is no METAR: give it a time such as 121020Z")
+    return report
+
+
+def parse(lines: tuple[str, ...]) -> list[Report]:
+    """The reports, timed from the first. Raises SimulationError for what is no METAR, or out of
+    order."""
     found: list[Report] = []
     first_s = day_s = 0.0
     last_day = 0
     for line in lines:
-        try:
-            with warnings.catch_warnings(
-                action="ignore"
-            ):  # groups it does not know; those that count are looked at here
-                # The month is not in a METAR; a fixed one keeps the clock of the host out.
-                report = Parser(line, month=1, year=2026, strict=False)
-        except (ParserError, ValueError) as error:
-            raise SimulationError(f"'{line}' is no METAR: {' '.join(str(error).split())}") from None
-        if report.time is None:
-            raise SimulationError(f"'{line}' is no METAR: it has no time such as 121020Z")
+        report = _read(line)
         day = report.time.day
         if found:  # 31 is followed by 1, whatever the month
             day_s += _DAY_S * (day - last_day if day >= last_day else 1)
@@ -142,7 +147,9 @@ def parse(lines: tuple[str, ...]) -> list[Report]:
         first_s = first_s if found else time_s
         time_s -= first_s
         if found and time_s <= found[-1].time_s:
-            raise SimulationError(f"'{line}' is not later than the report before it")
+            raise SimulationError(
+                f"'{line}' is not later than the report before it: sort the reports by time"
+            )
         speed_mps, gust_mps = (
             None if s is None else float(s.value("MPS"))
             for s in (report.wind_speed, report.wind_gust)
@@ -163,7 +170,8 @@ def parse(lines: tuple[str, ...]) -> list[Report]:
 
 
 def _wind(speed_mps: float | None, from_deg: float | None) -> tuple[float, float] | None:
-    """None when it was not measured, or is variable and strong; variable and weak is calm."""
+    """Wind towards north and east, m/s. None if it was not measured, or is variable and above 3
+    m/s; a weaker variable wind is calm."""
     if speed_mps is None:
         return None
     if from_deg is None:

@@ -1,4 +1,4 @@
-"""What the weather does between the points that a scenario or a station gives."""
+"""Interpolation between the points that a scenario or a station gives."""
 
 import bisect
 from collections.abc import Sequence

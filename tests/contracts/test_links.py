@@ -6,6 +6,7 @@ import errno
 import os
 import select
 import socket
+import termios
 import time
 import tty
 from collections.abc import Callable, Iterator
@@ -17,6 +18,7 @@ import pytest
 from companion.clock import Clock, ManualClock, SystemClock
 from companion.errors import LinkError
 from companion.links import SCHEMES, Link, LinkState, memory, open_link
+from tests.vehicle import Vehicle, heartbeat
 
 FRAMES = [bytes([0xFD, *number.to_bytes(2, "big")]) + bytes(37) for number in range(1000)]
 PATIENCE_S = 2.0
@@ -202,7 +204,7 @@ class Rig:
                 f"{self.link.url} never met its peer: {self.link.state}"
             )
         while self.link.receive(0.0) or self.peer.read(0.0):
-            pass
+            self.link.trust()
 
     def _met(self) -> bool:
         if isinstance(self.peer, TcpListener):
@@ -213,7 +215,8 @@ class Rig:
             self.link.send(b"hello")
             if self.peer.read(0.01):
                 self.peer.write(b"hello")
-        self.link.receive(0.01)
+        if self.link.receive(0.01):
+            self.link.trust()
         talking = not isinstance(self.peer, SocketPeer) or self.peer.talking is not None
         return talking and self.link.state is LinkState.OPEN
 
@@ -233,6 +236,7 @@ class Rig:
     def hear(self, count: int) -> bytes:
         data = b""
         while len(data) < count and (chunk := self.link.receive(PATIENCE_S)):
+            self.link.trust()
             data += chunk
         return data
 
@@ -412,6 +416,7 @@ def test_two_of_ours_talk(scheme: str) -> None:
             assert calls.receive(0.05) == b""  # time to connect
             assert calls.send(b"ping")
             assert listens.receive(PATIENCE_S) == b"ping"
+            listens.trust()
             assert listens.send(b"pong")
             assert calls.receive(PATIENCE_S) == b"pong"
 
@@ -438,13 +443,11 @@ def test_udpin_answers_every_live_peer_and_forgets_the_silent() -> None:
             stack.callback(caller.close)
             caller.port = int(link.url.rpartition(":")[2])
             caller.come_back()
-            caller.write(b"heartbeat")
-            assert link.receive(PATIENCE_S) == b"heartbeat"
+            known_from(link, caller)
             clock.advance_s(40.0)
         assert link.send(b"to the second")
         assert [caller.read(0.05) for caller in callers] == [b"", b"to the second"]
-        callers[0].write(b"heartbeat")
-        assert link.receive(PATIENCE_S)
+        known_from(link, callers[0])
         assert link.send(b"to both")
         assert [caller.read(PATIENCE_S) for caller in callers] == [b"to both", b"to both"]
 
@@ -457,11 +460,56 @@ def test_udpin_bounds_its_peers() -> None:
             stack.callback(caller.close)
             caller.port = int(link.url.rpartition(":")[2])
             caller.come_back()
-            caller.write(b"heartbeat")
-            assert link.receive(PATIENCE_S)
+            known_from(link, caller)
         assert link.send(b"hello")
         assert callers[0].read(0.02) == b""
         assert all(caller.read(PATIENCE_S) == b"hello" for caller in callers[1:])
+
+
+def test_udpin_sends_nothing_to_who_sent_no_mavlink() -> None:
+    """A source address can be forged: one datagram must not make us flood its owner."""
+    clock = ManualClock()
+    with contextlib.ExitStack() as stack:
+        link = stack.enter_context(contextlib.closing(open_link("udpin:127.0.0.1:0", clock)))
+        caller = UdpCaller()
+        stack.callback(caller.close)
+        caller.port = int(link.url.rpartition(":")[2])
+        caller.come_back()
+        caller.write(b"x")
+        assert link.receive(PATIENCE_S) == b"x"
+        assert not link.send(b"hello")
+        link.trust()  # it was a frame
+        assert link.send(b"hello")
+        clock.advance_s(5.1)
+        assert not link.send(b"hello")
+        known_from(link, caller)
+        clock.advance_s(59.0)
+        assert link.send(b"hello")
+
+
+def test_udpin_keeps_who_is_known_when_strangers_crowd_in() -> None:
+    with contextlib.ExitStack() as stack:
+        link = stack.enter_context(contextlib.closing(open_link("udpin:127.0.0.1:0")))
+        callers = [UdpCaller() for _ in range(40)]
+        for caller in callers:
+            stack.callback(caller.close)
+            caller.port = int(link.url.rpartition(":")[2])
+            caller.come_back()
+        known_from(link, callers[0])
+        for caller in callers[1:]:
+            caller.write(b"frame")
+            assert link.receive(PATIENCE_S)
+            link.trust()
+        assert link.send(b"hello")
+        assert callers[0].read(PATIENCE_S) == b"hello"
+
+
+def known_from(link: Link, caller: UdpCaller) -> None:
+    """Three datagrams that were MAVLink."""
+    for _ in range(3):
+        caller.write(b"heartbeat")
+        assert link.receive(PATIENCE_S) == b"heartbeat"
+        link.trust()
 
 
 def test_udpout_waits_for_a_peer_that_starts_later() -> None:
@@ -481,9 +529,7 @@ def test_udpout_waits_for_a_peer_that_starts_later() -> None:
 
 def test_udpout_without_a_route_drops_and_keeps_trying() -> None:
     clock = ManualClock()
-    with contextlib.closing(
-        open_link("udpout:255.255.255.255:9", clock)
-    ) as link:  # no broadcast without asking for it
+    with contextlib.closing(open_link("udpout:[2001:db8::1]:9", clock)) as link:  # reserved
         for _ in range(5):
             assert link.send(b"hello") is False
             clock.advance_s(1.0)
@@ -575,6 +621,93 @@ def test_serial_error_while_reading_is_a_loss(
         assert states == [LinkState.LOST, LinkState.OPEN]
         peer.write(b"y")
         assert link.receive(PATIENCE_S) == b"y"
+
+
+@pytest.mark.parametrize("away_s", [0.5, 3.0, 6.0])
+@pytest.mark.parametrize("kind", ["serial", "tcp"])
+def test_a_peer_that_is_back_is_met_within_two_seconds(
+    tmp_path: Path, kind: str, away_s: float
+) -> None:
+    peer = PtyPeer(tmp_path) if kind == "serial" else TcpListener()
+    with contextlib.closing(peer), contextlib.closing(open_link(peer.url)) as link:
+        rig = Rig(peer, link, SystemClock())
+        rig.meet()
+        peer.write(b"x")
+        assert link.receive(PATIENCE_S)
+        rig.lose()
+        end_s = time.monotonic() + away_s
+        while time.monotonic() < end_s:
+            link.receive(0.1)
+        peer.come_back()
+        started = time.monotonic()
+        rig.meet()
+        assert time.monotonic() - started < 1.3
+
+
+def test_a_usb_device_is_found_under_another_number(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was ttyACM0, it comes back as ttyACM1; by-id points to it."""
+    by_id = tmp_path / "by-id"
+    by_id.mkdir()
+    monkeypatch.setattr("companion.links.serial_port.BY_ID", str(by_id))
+    with contextlib.closing(PtyPeer(by_id)) as peer:
+        numbered = tmp_path / "ttyACM0"
+        numbered.symlink_to(os.readlink(by_id / "autopilot"))
+        with contextlib.closing(open_link(f"{numbered}:57600")) as link:
+            rig = Rig(peer, link, SystemClock())
+            rig.meet()
+            rig.lose()
+            numbered.unlink()
+            peer.come_back()
+            rig.meet()
+            peer.write(b"again")
+            assert rig.hear(5) == b"again"
+
+
+def test_a_serial_port_that_appears_later(tmp_path: Path) -> None:
+    peer = PtyPeer(tmp_path)
+    peer.vanish()
+    with contextlib.closing(open_link(peer.url)) as link:
+        assert link.receive(0.1) == b""
+        assert link.state is LinkState.WAITING
+        peer.come_back()
+        with contextlib.closing(peer):
+            Rig(peer, link, SystemClock()).meet()
+            assert link.state is LinkState.OPEN
+
+
+@pytest.mark.parametrize("baud", [57600, 115200, 921600])
+def test_baud_rate_is_found_by_whole_frames(tmp_path: Path, baud: int) -> None:
+    """The far side is understood only at its own rate, as on a UART."""
+    frame = Vehicle().pack(heartbeat())
+    code = {57600: termios.B57600, 115200: termios.B115200, 921600: termios.B921600}[baud]
+    with contextlib.closing(PtyPeer(tmp_path)) as peer:
+        url = peer.url.replace(":57600", ":auto")
+        with contextlib.closing(open_link(url)) as link:
+            heard, give_up = b"", time.monotonic() + 6.0
+            while frame * 3 not in heard:
+                assert time.monotonic() < give_up
+                speed = termios.tcgetattr(peer._slave)[5]
+                peer.write(frame if speed == code else bytes(255 - b // 2 for b in frame))
+                heard += link.receive(0.05)
+            assert link.url.endswith(":auto")
+
+
+def test_mavros_spelling_calls_from_its_port() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        local = probe.getsockname()[1]
+    peer = UdpListener()
+    port = peer.url.rpartition(":")[2]
+    with (
+        contextlib.closing(peer),
+        contextlib.closing(open_link(f"udp://:{local}@127.0.0.1:{port}")) as link,
+    ):
+        assert link.send(b"hello")
+        assert peer.read(PATIENCE_S) == b"hello"
+        assert peer.talking is not None
+        assert peer.talking.getpeername()[1] == local
 
 
 def test_memory_pair_is_a_link_on_the_clock_it_is_given() -> None:

@@ -12,10 +12,17 @@ from companion.doctor import Case, Finding, Grade, examine, report
 from companion.links import open_link
 from companion.mavlink.codec import Message, mavlink
 from companion.settings import CompanionSettings
+from companion.warmup import warm_up
 from tests.live import STREAMS, LiveVehicle, Pty, Udp, accept, free_port
 from tests.vehicle import Vehicle, gps, heartbeat, pressure
 
 SECONDS = 4.0
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled() -> None:
+    """As the command does before it listens."""
+    warm_up(CompanionSettings())
 
 
 def diagnose(*vehicles: LiveVehicle, url: str) -> tuple[Case, list[Finding]]:

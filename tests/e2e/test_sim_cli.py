@@ -79,7 +79,11 @@ def test_the_documented_scenario_flies_twice_to_the_same_bytes(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("arguments", "code", "complaint"),
     [
-        (["fly", "short-hop"], 2, "nowhere to fly to: give a --link URL, a --tlog FILE, or both"),
+        (
+            ["fly", "short-hop"],
+            2,
+            "nothing receives the flight: give a --link URL, a --tlog FILE, or both",
+        ),
         (
             ["fly", "short-hop", "--tlog", "x.tlog", "--speed", "fast"],
             2,
@@ -128,7 +132,7 @@ def test_corrupt_writes_the_same_bytes_every_time(short_hop: Path, tmp_path: Pat
         (["in.tlog", "in.tlog", "--fault", "drop"], 1, "in.tlog: is the log to be read"),
         (["none.tlog", "out.tlog", "--fault", "drop"], 1, "none.tlog: no such file"),
         (["in.tlog", "no/folder.tlog", "--fault", "drop"], 1, "the folder no does not exist"),
-        (["in.tlog", "out.tlog", "--fault", "drp"], 1, "no fault 'drp'; did you mean `drop`?"),
+        (["in.tlog", "out.tlog", "--fault", "drp"], 1, "'drp' is unknown; did you mean `drop`?"),
         (["text.tlog", "out.tlog", "--fault", "drop"], 1, "text.tlog: not a telemetry log"),
     ],
 )

@@ -22,7 +22,8 @@ def test_a_flavour_that_is_none_is_wrong_usage(tmp_path: Path) -> None:
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
     assert (
-        done.stderr == "kollsman-sim: --flavour 'betaflight' is none of ardupilot, px4, generic\n"
+        done.stderr
+        == "kollsman-sim: --flavour 'betaflight' is unknown: give one of ardupilot, px4, generic\n"
     )
 
 

@@ -162,7 +162,7 @@ class TestReproduction:
 def test_monte_carlo_of_the_paper_takes_a_third_of_a_second() -> None:
     """1538 steps x 400 seeds, both filters, pressures and fixes as rows; random numbers excluded.
     Best of three."""
-    stream = paper.Stream()
+    stream = paper.VehicleRows()
     stream.fill(paper.DRIFT.baro_m, paper.DRIFT.truth_m)
     both = [
         AdaptiveFusionSettings(gain="adaptive", gnss_variance_m2=R_GPS),

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.linalg import solve_discrete_are
 
-from companion.estimators.air_data_gnss import LINEAR, METHOD, AirDataGnssSettings, scale_variance
+from companion.estimators.air_data_gnss import METHOD
+from companion.estimators.air_data_gnss.error import LINEAR, scale_variance
+from companion.estimators.air_data_gnss.settings import AirDataGnssSettings
 from companion.estimators.method import Filter
 from companion.kernels.atmosphere import L0_KPM, T0_K, geopotential_m, standard_pressure_pa
 from companion.kernels.kalman import correct
@@ -133,16 +135,16 @@ def test_bias_and_scale_factor_are_those_of_batch_least_squares() -> None:
     A, y = np.array([row for row, _, _ in rows]), np.array([value for _, value, _ in rows])
     covariance = np.linalg.inv(A.T @ (weight[:, None] * A))
     solution = covariance @ (A.T @ (weight * y))
-    np.testing.assert_allclose(running.state["error"][0], solution[-2:], rtol=1e-6)
-    np.testing.assert_allclose(running.state["P_error"][0], covariance[-2:, -2:], rtol=1e-6)
+    np.testing.assert_allclose(running.state["error"]["x"][0], solution[-2:], rtol=1e-6)
+    np.testing.assert_allclose(running.state["error"]["P"][0], covariance[-2:, -2:], rtol=1e-6)
 
 
 def predicted(running: Filter, baro_m: float) -> tuple[float, float]:
     """Height before the next cycle, and its variance: what lambda is formed with."""
-    if running.state["motion_us"][0] < 0:
+    if running.state["motion"]["time_us"][0] < 0:
         return baro_m, 100.0
-    height, climb = running.state["motion"][0]
-    P = running.state["P_motion"][0]
+    height, climb = running.state["motion"]["x"][0]
+    P = running.state["motion"]["P"][0]
     return height + 0.2 * climb, P[0, 0] + 0.4 * P[0, 1] + 0.04 * P[1, 1]
 
 
@@ -158,14 +160,14 @@ def test_alpha_beta_filter_settles_at_the_riccati_equation(values: dict[str, Any
     before = solve_discrete_are(F.T, H.T, Q, np.array([[settings.baro_variance_m2]]))
     K = before @ H.T / (H @ before @ H.T + settings.baro_variance_m2)
     np.testing.assert_allclose(
-        running.state["P_motion"][0], (np.eye(2) - K @ H) @ before, rtol=1e-9
+        running.state["motion"]["P"][0], (np.eye(2) - K @ H) @ before, rtol=1e-9
     )
-    np.testing.assert_allclose(running.state["K"][0], K[:, 0], rtol=1e-9)
+    np.testing.assert_allclose(running.state["motion"]["K"][0], K[:, 0], rtol=1e-9)
 
 
 def test_law_of_temperature_is_the_derivative_of_the_exact_one() -> None:
     """(6) corrected is T_0/T_0' - 1 to first order."""
-    from companion.estimators.air_data_gnss import EXACT, scale_of_temperature
+    from companion.estimators.air_data_gnss.error import EXACT, scale_of_temperature
 
     for warmer_k in (-1e-3, 1e-3):
         air_k = T0_K + warmer_k + L0_KPM * 1600.0

@@ -9,7 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from companion.estimators.baro_gnss_ins.steps import METHOD, BaroGnssInsSettings
+from companion.estimators.baro_gnss_ins import METHOD
+from companion.estimators.baro_gnss_ins.settings import BaroGnssInsSettings
 from companion.estimators.baro_gnss_ins.strapdown import mechanise, set_attitude
 from companion.estimators.method import run_log
 from companion.kernels.atmosphere import geopotential_m, standard_pressure_pa
@@ -210,10 +211,15 @@ def test_vertical_filter_is_batch_least_squares(
             add({scale + 4: 1.0, scale: -1.0}, 0.0, settings.baro_scale_walk_rts)
     inverse = np.linalg.pinv(np.array(rows))
     solution, spreads = (inverse @ np.array(wanted))[-4:], np.linalg.norm(inverse[-4:], axis=1)
-    ours = [state["position"][2], -state["velocity_n_mps"][2], state["b_m"], state["s"]]
+    ours = [
+        state["ins"]["position"][2],
+        -state["ins"]["velocity_n_mps"][2],
+        state["ins"]["b_m"],
+        state["ins"]["s"],
+    ]
     for i, index in enumerate((2, 5, 15, 16)):
         assert ours[i] == pytest.approx(solution[i], abs=estimate_sds * spreads[i] + 1e-9)
-        assert math.sqrt(state["P"][index, index]) == pytest.approx(spreads[i], rel=spread)
+        assert math.sqrt(state["ins"]["P"][index, index]) == pytest.approx(spreads[i], rel=spread)
 
 
 @pytest.mark.slow
@@ -250,9 +256,17 @@ def test_normalised_errors_of_a_matched_model() -> None:
                 sample(Kind.GNSS, time_us, altitude_amsl_m=fix_m, vertical_sd_m=3.0, fix_type=3),
             )
         state = run_log(METHOD, log, settings)[2][0]
-        error = np.array([h[-1] - state["position"][2], b[-1] - state["b_m"], s[-1] - state["s"]])
+        error = np.array(
+            [
+                h[-1] - state["ins"]["position"][2],
+                b[-1] - state["ins"]["b_m"],
+                s[-1] - state["ins"]["s"],
+            ]
+        )
         kept = np.ix_([2, 15, 16], [2, 15, 16])
         sign = np.diag([-1.0, 1.0, 1.0])  # the error state counts downwards
-        squares.append(error @ np.linalg.solve(sign @ np.asarray(state["P"])[kept] @ sign, error))
+        squares.append(
+            error @ np.linalg.solve(sign @ np.asarray(state["ins"]["P"])[kept] @ sign, error)
+        )
     # Mean of 150 chi-square variables of three degrees: 3 +- 0.2 (one sigma).
     assert 2.4 < np.mean(squares) < 3.6

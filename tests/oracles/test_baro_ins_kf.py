@@ -26,8 +26,8 @@ SETTINGS = BaroInsKfSettings(
     baro_bias_sd_m=0.8,
     baro_bias_time_s=30.0,
     baro_sd_m=0.4,
-    acceleration_noise=0.05,
-    accelerometer_bias_mps2=0.15,
+    acceleration_noise_mps2_rthz=0.05,
+    accelerometer_bias_sd_mps2=0.15,
     accelerometer_bias_time_s=50.0,
 )
 
@@ -43,10 +43,10 @@ def model() -> tuple[Array, Array]:
     F[2, 2], F[3, 3] = -1.0 / SETTINGS.baro_bias_time_s, -1.0 / SETTINGS.accelerometer_bias_time_s
     noise = np.diag(
         [
-            SETTINGS.acceleration_noise**2,
+            SETTINGS.acceleration_noise_mps2_rthz**2,
             0.0,
             2.0 * SETTINGS.baro_bias_sd_m**2 / SETTINGS.baro_bias_time_s,
-            2.0 * SETTINGS.accelerometer_bias_mps2**2 / SETTINGS.accelerometer_bias_time_s,
+            2.0 * SETTINGS.accelerometer_bias_sd_mps2**2 / SETTINGS.accelerometer_bias_time_s,
         ]
     )
     block = expm(np.block([[-F, noise], [np.zeros((4, 4)), F.T]]) * BARO_S)
@@ -65,7 +65,7 @@ def step(state: Rows, params: Rows, index: int, forces: Array, height_m: float) 
     """Five IMU samples and one barometer height, by the filter's own steps; the normalised
     innovation squared."""
     for place, force in enumerate(forces):
-        state["acceleration_mps2"] = force
+        state["inputs"]["acceleration_mps2"] = force
         advance(state, params, round((index * EVERY + place + 1) * IMU_S * 1e6))
     spread_out(state, params, BARO_S)
     s = state[0]

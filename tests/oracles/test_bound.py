@@ -6,8 +6,8 @@ import pytest
 from numpy.typing import NDArray
 
 from sim.studies.goals.bound import BIAS, CLIMB, HEIGHT, STATES, WANDER, Model, bound
-from sim.studies.goals.bound_section import BANK, MODEL, bound_m, interval, squares
 from sim.studies.goals.common_scenarios import SCENARIOS, draw
+from sim.studies.goals.sections.bound import BANK, MODEL, bound_m, interval, squares
 from sim.studies.goals.sensor_level import Array
 
 STEPS = 40

@@ -7,17 +7,16 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.signal import lsim, place_poles
 
-from companion.estimators.baro_inertial import damping_loop, tuning
+from companion.estimators.baro_inertial import damping_loop, genetic, tuning
 from companion.estimators.baro_inertial.damping_loop import (
-    PARAMS,
+    DampingLoopSettings,
     advance,
     feed_back,
     init,
     matched_gains,
     poles,
 )
-from companion.estimators.baro_inertial.tuning import Gains
-from companion.samples import rows
+from companion.estimators.baro_inertial.genetic import Gains
 from tests.flights import flight
 
 Array = NDArray[np.float64]
@@ -33,15 +32,15 @@ def matrix(gains: Gains) -> Array:
 def feed(gains: Gains, time_s: Array, baro_m: Array, force_mps2: Array, every: int) -> Array:
     """The compiled loop: acceleration at each instant, the barometer at each `every`-th; h and v,
     shape (n, 2)."""
-    params = rows(PARAMS)
+    params = DampingLoopSettings().params()
     params["poles"], params["baro_alone_poles"] = poles(*gains), poles(*damping_loop.BARO_ALONE)
     state = init(params)
     state["running"], state["x_us"], state["corrected_us"] = 1, 0, 0
-    state["h"], state["v"], state["acceleration_mps2"] = baro_m[0], 0.0, 0.0
+    state["h"], state["v"], state["inputs"]["acceleration_mps2"] = baro_m[0], 0.0, 0.0
     found = np.empty((time_s.size, 2))
     for k in range(time_s.size):
         time_us = round(time_s[k] * 1e6)
-        state["acceleration_mps2"] = force_mps2[k]
+        state["inputs"]["acceleration_mps2"] = force_mps2[k]
         advance(state, time_us)
         if k > 0 and k % every == 0:
             elapsed_s = (time_us - int(state["corrected_us"][0])) * 1e-6
@@ -121,9 +120,11 @@ def test_slow_barometer_does_not_lag_behind_a_climb(baro_s: float) -> None:
 def test_genetic_search_against_all_strings() -> None:
     """Within 5 % of the least cost of all 32768 strings from any seed, and often the least itself."""
     trial = tuning.Flight(flight(duration_s=40.0, imu_hz=15.0, pressure_hz=5.0, gnss_hz=2.0).log())
-    costs = np.array([trial.cost(tuning.decode(string)) for string in range(2**tuning.STRING_BITS)])
+    costs = np.array(
+        [trial.cost(genetic.decode(string)) for string in range(2**genetic.STRING_BITS)]
+    )
     found = [
-        tuning.search(lambda string: float(costs[string]), np.random.default_rng(seed)).cost
+        genetic.search(lambda string: float(costs[string]), np.random.default_rng(seed)).cost
         / costs.min()
         for seed in range(30)
     ]

@@ -10,7 +10,7 @@ from companion.kernels.atmosphere import standard_pressure_pa
 from sim.studies.page import generators
 from sim.studies.papers import PAPERS
 from sim.studies.papers import baro_gnss_ins as paper
-from sim.studies.papers.page import Verdict
+from sim.studies.papers.page import Match
 
 SEEDS = 4
 
@@ -60,9 +60,8 @@ def test_the_page(tmp_path: Path) -> None:
     page = PAPERS["R"].reproduce(SEEDS, tmp_path, lambda fraction, what: None)
     rows = {row.claim: row for row in page.rows}
     assert (
-        rows["the barometer stabilises it: largest error in the outage"].verdict
-        is Verdict.REPRODUCES
+        rows["the barometer stabilises it: largest error in the outage"].verdict is Match.REPRODUCES
     )
-    assert rows["(16) is the derivative of (15)"].verdict is Verdict.REPRODUCES
-    assert rows["at the pressure of 0 m"].verdict is Verdict.DOES_NOT
+    assert rows["(16) is the derivative of (15)"].verdict is Match.REPRODUCES
+    assert rows["at the pressure of 0 m"].verdict is Match.DOES_NOT
     assert "baro-gnss-ins-outage.png" in page.markdown()

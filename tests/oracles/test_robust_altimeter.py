@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from scipy import linalg, stats
 
 from companion.estimators.method import Filter
+from companion.estimators.robust_altimeter import METHOD
 from companion.estimators.robust_altimeter import altimeters as pair
 from companion.estimators.robust_altimeter import error_model as paper
-from companion.estimators.robust_altimeter.steps import METHOD, RobustAltimeterSettings
+from companion.estimators.robust_altimeter.settings import RobustAltimeterSettings
 from companion.samples import Rows
 
 Array = NDArray[np.float64]
@@ -128,13 +129,13 @@ def test_closed_loop_is_the_open_loop_filter(k: int) -> None:
     stays.
     """
     result = Filter(METHOD, RobustAltimeterSettings(preset="paper", gain="optimal"))
-    state, p, s = result.state, result.params, result.state[0]
+    p, s = result.params, result.state[0]["pair"]
     p["sigma_a"][0, 1] = SIGMA_A
-    state["inertial"], state["sigma_gps_m"], state["ins_us"], state["now_us"] = 1, 2.23, 0, 0
-    pair.extrapolate_errors(state, p)
-    pair.begin(state, p, k, 0.0)
+    s["inertial"], s["sigma_gps_m"], s["ins_us"] = 1, 2.23, 0
+    pair.extrapolate_errors(s, p, 0)
+    pair.begin(s, p, k, 0.0)
     start = np.array(s["P"][k])
-    variance = pair.height_variance(state, p, k)
+    variance = pair.height_variance(s, p, k)
     x, P, K = np.zeros(5), start, np.zeros(5)
     height_m, climb_mps, rng = 0.0, 0.0, np.random.default_rng(3)
     apart_m, open_m = [], []
@@ -145,11 +146,11 @@ def test_closed_loop_is_the_open_loop_filter(k: int) -> None:
         paper.extrapolate(x, P, T_D, ALPHA, SIGMA_A, p)
         paper.take_in(x, P, p["rows_H"][0, k], K, height_m - measured_m, variance, False)
         # closed loop: the estimator's own
-        state["now_us"] = round(i * T_D * 1e6)
-        pair.advance(state, int(state["now_us"][0]), 0.05)
-        T = pair.extrapolate_errors(state, p)
-        pair.gather(state, p, k, float(s["height_m"][k]) - measured_m)
-        pair.correct_errors(state, p, T)
+        now_us = round(i * T_D * 1e6)
+        pair.advance(s, now_us, 0.05)
+        T = pair.extrapolate_errors(s, p, now_us)
+        pair.gather(s, p, k, float(s["height_m"][k]) - measured_m)
+        pair.correct_errors(s, p, now_us, T, False)
         apart_m.append(abs(float(s["height_m"][k]) - (height_m - x[0])))
         open_m.append(abs(height_m))
     assert open_m[-1] > 900.0

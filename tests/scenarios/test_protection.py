@@ -4,7 +4,7 @@ no sensor is excluded."""
 import pytest
 
 from companion.evaluation.integrity import poisson_interval
-from sim.studies.goals.protection import Job, work
+from sim.studies.goals.sections.protection import Job, work
 
 
 @pytest.mark.slow

@@ -412,10 +412,10 @@ class TestClocks:
 
 class TestSenders:
     def test_a_second_vehicle(self, play: Replay) -> None:
-        """System 2 at 3000 m on the same link. Expected Result: the first one is served, the other
-        is not heard."""
+        """System 2 at 3000 m appears later on the same link. Expected Result: the first one is
+        served, the other is not used."""
         other = standing(
-            31,
+            40,
             60,
             vehicle=Vehicle(2, 1),
             gps=lambda s: gps(s, 3000.0),

@@ -11,7 +11,9 @@ import pytest
 
 from companion.config import validate
 from companion.errors import SimulationError
-from sim.aircraft import MODELS, Aircraft, Truth, _deafened
+from sim.aircraft import Aircraft
+from sim.aircraft_state import Truth
+from sim.airframes import MODELS, without_listeners
 from sim.flight import Flight
 from sim.pilot.autopilot import Mode
 from sim.pilot.gains import GAINS
@@ -76,15 +78,15 @@ def test_it_rests_at_its_height(name: str) -> None:
     assert aircraft.truth().on_ground
 
 
-def test_a_model_that_listens_on_tcp_ports_is_deafened(tmp_path: Path) -> None:
+def test_a_model_that_listens_on_tcp_ports_iswithout_listeners(tmp_path: Path) -> None:
     deaf, listening = tmp_path / "deaf", tmp_path / "listening.xml"
     listening.write_text(
         '<fdm_config><input port="5137"/><channel><input>x</input></channel></fdm_config>'
     )
-    assert _deafened(listening, deaf)
+    assert without_listeners(listening, deaf)
     assert "5137" not in (deaf / "listening.xml").read_text()
     assert "<input>x</input>" in (deaf / "listening.xml").read_text()
-    assert not _deafened(deaf / "listening.xml", tmp_path / "again")
+    assert not without_listeners(deaf / "listening.xml", tmp_path / "again")
 
 
 @pytest.mark.parametrize("name", ["737", "f16"])

@@ -17,7 +17,7 @@ from companion.links.memory import pair
 from companion.logs.tlog import TlogReader
 from companion.mavlink.codec import Decoder
 from sim import BOOT_UNIX_US
-from sim.aircraft import Controls, Motion, Truth
+from sim.aircraft_state import Controls, Motion, Truth
 from sim.flight import Flight
 from sim.pilot.autopilot import Target
 from sim.pilot.profile import Climb, Descend, Hold, Leg, TakeOff
@@ -278,7 +278,7 @@ def test_flying_into_the_ground_ends_the_flight(monkeypatch: pytest.MonkeyPatch)
 
 def test_a_flight_that_does_not_end_is_an_error() -> None:
     with pytest.raises(
-        SimulationError, match=r"'test' is not over after limit_s = 5 s: still 'Standing'"
+        SimulationError, match=r"'test' has not ended after limit_s = 5 s, in 'Standing'"
     ):
         Flight(scenario(limit_s=5.0)).run()
 

@@ -10,7 +10,8 @@ import pytest
 
 from companion.config import validate
 from companion.errors import SimulationError
-from sim.aircraft import MODELS, Aircraft
+from sim.aircraft import Aircraft
+from sim.airframes import MODELS
 from sim.flight import Flight
 from sim.pilot.profile import Glide, Land
 from sim.pilot.stall import StallWatch
@@ -146,7 +147,7 @@ def test_a_landing_may_end_beyond_it() -> None:
 def test_a_hold_that_cannot_be_held_is_the_end() -> None:
     """Its wires keep the F-16 from stalling, and so it sinks instead."""
     with pytest.raises(
-        SimulationError, match=r"cannot hold its altitude so, give the leg less bank_deg"
+        SimulationError, match=r"cannot hold its altitude; give the leg less bank_deg"
     ):
         flight(
             "f16", 3000, {"leg": "hold", "duration_s": 240, "bank_deg": 60, "airspeed_mps": 85}

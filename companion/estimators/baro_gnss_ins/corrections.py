@@ -30,7 +30,7 @@ from companion.estimators.baro_gnss_ins.track import clear
 from companion.jit import step
 from companion.kernels.earth import meridian_radius_m, normal_radius_m
 from companion.kernels.kalman import correct, inflated, spread
-from companion.samples import Rows
+from companion.samples import Record, Rows
 
 SLIP_S = 5.0
 """horizontal velocities that contradict for longer mean a wrong attitude"""
@@ -47,27 +47,26 @@ LOST_SDS = 5.0
 
 
 @step
-def _take(state: Rows, z: float, R: float) -> None:
+def _take(ins: Record, z: float, R: float) -> None:
     """One scalar measurement with the row in H, which is cleared; `z` is its innovation against the
     state before dx."""
-    s = state[0]
     for i in range(N):
-        z -= s.H[i] * s.dx[i]
-    correct(s.dx, s.P, s.H, s.K, z, R)
+        z -= ins.H[i] * ins.dx[i]
+    correct(ins.dx, ins.P, ins.H, ins.K, z, R)
     for i in range(N):
-        s.H[i] = 0.0
+        ins.H[i] = 0.0
 
 
 @step
 def correct_horizontal(
-    state: Rows, params: Rows, sample: Rows, age_s: float, weight: float
+    ins: Record, params: Rows, sample: Rows, age_s: float, weight: float
 ) -> None:
     """Latitude, longitude and velocity of a fix against the track at its time (``track_at``).
 
     `age_s` is how much older the fix is than the state; `weight` >= 1 multiplies the variance of a
     position, as many fixes share one error.
     """
-    s, p = state[0], params[0]
+    p = params[0]
     latitude, longitude = (
         math.radians(sample[0].latitude_deg),
         math.radians(sample[0].longitude_deg),
@@ -79,116 +78,112 @@ def correct_horizontal(
             else sample[0].horizontal_sd_m
         )
         sd_m = max(p.gnss_sd_floor_m, sd_m)
-        height = s.position[2]
-        north_m = (latitude - s.track_at[0]) * (meridian_radius_m(latitude) + height)
+        height = ins.position[2]
+        north_m = (latitude - ins.track.at[0]) * (meridian_radius_m(latitude) + height)
         across_m = (normal_radius_m(latitude) + height) * math.cos(latitude)
-        east_m = wrapped(longitude - s.track_at[1]) * across_m
-        far_m = LOST_SDS * math.sqrt(s.P[NORTH, NORTH] + s.P[EAST, EAST] + weight * sd_m * sd_m)
-        if s.located == 0 or math.hypot(north_m, east_m) > far_m:
-            move(s.position, north_m, east_m, 0.0)
-            clear(s.track_us, s.track)
-            forget_error(state, NORTH, sd_m * sd_m)
-            forget_error(state, EAST, sd_m * sd_m)
-            s.located = 1
+        east_m = wrapped(longitude - ins.track.at[1]) * across_m
+        far_m = LOST_SDS * math.sqrt(ins.P[NORTH, NORTH] + ins.P[EAST, EAST] + weight * sd_m * sd_m)
+        if ins.located == 0 or math.hypot(north_m, east_m) > far_m:
+            move(ins.position, north_m, east_m, 0.0)
+            clear(ins.track)
+            forget_error(ins, NORTH, sd_m * sd_m)
+            forget_error(ins, EAST, sd_m * sd_m)
+            ins.located = 1
         else:
             for axis in range(2):
-                s.H[POSITION + axis], s.H[VELOCITY + axis] = 1.0, -age_s
-                _take(state, north_m if axis == NORTH else east_m, weight * sd_m * sd_m)
+                ins.H[POSITION + axis], ins.H[VELOCITY + axis] = 1.0, -age_s
+                _take(ins, north_m if axis == NORTH else east_m, weight * sd_m * sd_m)
     speed, course = sample[0].ground_speed_mps, sample[0].course_rad
     if speed < FASTEST_MPS and abs(course) < math.inf:
         _correct_velocity(
-            state, params, sample[0].time_us, speed * math.cos(course), speed * math.sin(course)
+            ins, params, sample[0].time_us, speed * math.cos(course), speed * math.sin(course)
         )
 
 
 @step
 def _correct_velocity(
-    state: Rows, params: Rows, time_us: int, north_mps: float, east_mps: float
+    ins: Record, params: Rows, time_us: int, north_mps: float, east_mps: float
 ) -> None:
-    s = state[0]
-    elapsed_s = (time_us - s.velocity_us) * 1e-6
-    known = s.velocity_us >= 0 and elapsed_s < BLIND_S
-    s.velocity_us = time_us
+    elapsed_s = (time_us - ins.velocity_us) * 1e-6
+    known = ins.velocity_us >= 0 and elapsed_s < BLIND_S
+    ins.velocity_us = time_us
     if (
-        s.inertial == 1 and not known
+        ins.inertial == 1 and not known
     ):  # what was integrated without GNSS has lost attitude and climb: align anew
-        s.inertial, s.velocity_n_mps[DOWN] = 0, 0.0
-        forget_error(state, VELOCITY + DOWN, UNKNOWN_CLIMB_MPS * UNKNOWN_CLIMB_MPS)
+        ins.inertial, ins.velocity_n_mps[DOWN] = 0, 0.0
+        forget_error(ins, VELOCITY + DOWN, UNKNOWN_CLIMB_MPS * UNKNOWN_CLIMB_MPS)
     R = params[0].gnss_velocity_sd_mps * params[0].gnss_velocity_sd_mps
-    if s.inertial == 1 and s.yaw_known == 0:
+    if ins.inertial == 1 and ins.yaw_known == 0:
         R += YAWLESS_SD_MPS * YAWLESS_SD_MPS
     slips = False
     for axis in range(2):
         value = north_mps if axis == NORTH else east_mps
         if not known:
-            s.velocity_n_mps[axis] = value
-            forget_error(state, VELOCITY + axis, R)
+            ins.velocity_n_mps[axis] = value
+            forget_error(ins, VELOCITY + axis, R)
             continue
-        z = value - s.track_at[3 + axis]
-        s.H[VELOCITY + axis] = 1.0
-        S = spread(s.P, s.H) + R
+        z = value - ins.track.at[3 + axis]
+        ins.H[VELOCITY + axis] = 1.0
+        S = spread(ins.P, ins.H) + R
         slips = slips or z * z > GATE * GATE * S
-        _take(state, z, inflated(z, S, R, GATE))
-    s.slip_s = s.slip_s + min(elapsed_s, 1.0) if slips else 0.0
-    if s.inertial == 1 and s.slip_s > SLIP_S:
-        suspend(state, params)
+        _take(ins, z, inflated(z, S, R, GATE))
+    ins.slip_s = ins.slip_s + min(elapsed_s, 1.0) if slips else 0.0
+    if ins.inertial == 1 and ins.slip_s > SLIP_S:
+        suspend(ins, params)
 
 
 @step
-def correct_height(state: Rows, z: float, age_s: float, R: float) -> None:
+def correct_height(ins: Record, z: float, age_s: float, R: float) -> None:
     """A height that is `z` above that of the state at its own time."""
-    s = state[0]
-    s.H[POSITION + DOWN], s.H[VELOCITY + DOWN] = -1.0, age_s
-    _take(state, z, R)
+    ins.H[POSITION + DOWN], ins.H[VELOCITY + DOWN] = -1.0, age_s
+    _take(ins, z, R)
 
 
 @step
-def correct_climb(state: Rows, z: float, R: float) -> None:
+def correct_climb(ins: Record, z: float, R: float) -> None:
     """A climb that is `z` above that of the state."""
-    state[0].H[VELOCITY + DOWN] = -1.0
-    _take(state, z, R)
+    ins.H[VELOCITY + DOWN] = -1.0
+    _take(ins, z, R)
 
 
 @step
-def watch_height(state: Rows, params: Rows, z: float, S: float, elapsed_s: float) -> None:
+def watch_height(ins: Record, params: Rows, z: float, S: float, elapsed_s: float) -> None:
     """Suspend the IMU when the barometer stays beyond the gate on one side: b takes a step, but not
     a runaway."""
-    s = state[0]
     beyond = z * z / (GATE * GATE * S)
     elapsed_s = min(elapsed_s, 1.0)
     if beyond > 1.0:
-        s.sink_s += math.copysign(elapsed_s * min(beyond, WORST_SINK), z)
+        ins.sink_s += math.copysign(elapsed_s * min(beyond, WORST_SINK), z)
     else:
-        s.sink_s -= math.copysign(min(elapsed_s, abs(s.sink_s)), s.sink_s)
-    if s.inertial == 1 and abs(s.sink_s) > SINK_S:
-        suspend(state, params)
+        ins.sink_s -= math.copysign(min(elapsed_s, abs(ins.sink_s)), ins.sink_s)
+    if ins.inertial == 1 and abs(ins.sink_s) > SINK_S:
+        suspend(ins, params)
 
 
 @step
-def correct_yaw(state: Rows, sample: Rows, elapsed_s: float) -> None:
+def correct_yaw(ins: Record, sample: Rows, elapsed_s: float) -> None:
     """The course of a fix as a weak measurement of yaw; without it the gyro's bias would turn the
     nose for ever."""
-    s = state[0]
     if (
         not sample[0].ground_speed_mps > SLOWEST_COURSE_MPS
         or not abs(sample[0].course_rad) < math.inf
     ):
         return
     sd_rad = course_sd_rad(sample[0].ground_speed_mps)
-    if s.P[TILT + DOWN, TILT + DOWN] > KNOWN_YAW_SD_RAD * KNOWN_YAW_SD_RAD:
-        s.yaw_known = 0
-    if s.yaw_known == 0:
-        set_yaw(state, sample[0].course_rad, sd_rad)
+    if ins.P[TILT + DOWN, TILT + DOWN] > KNOWN_YAW_SD_RAD * KNOWN_YAW_SD_RAD:
+        ins.yaw_known = 0
+    if ins.yaw_known == 0:
+        set_yaw(ins, sample[0].course_rad, sd_rad)
         return
-    z = wrapped(sample[0].course_rad - yaw_rad(s.quaternion))
+    z = wrapped(sample[0].course_rad - yaw_rad(ins.quaternion))
     R = sd_rad * sd_rad
-    if z * z <= GATE * GATE * (s.P[TILT + DOWN, TILT + DOWN] + R):  # else it flies sideways
-        s.H[TILT + DOWN] = 1.0
-        _take(state, z, R * max(1.0, COURSE_TIME_S / elapsed_s))
+    if z * z <= GATE * GATE * (ins.P[TILT + DOWN, TILT + DOWN] + R):  # else it flies sideways
+        ins.H[TILT + DOWN] = 1.0
+        _take(ins, z, R * max(1.0, COURSE_TIME_S / elapsed_s))
 
 
 @step
-def correct_tilt(state: Rows, axis: int, z: float, R: float) -> None:
+def correct_tilt(ins: Record, axis: int, z: float, R: float) -> None:
     """A rotation `z` about a north-east-down axis that the attitude lacks."""
-    state[0].H[TILT + axis] = 1.0
-    _take(state, z, R)
+    ins.H[TILT + axis] = 1.0
+    _take(ins, z, R)

@@ -13,6 +13,7 @@ acceleration, with the attitude forgotten. An estimator calls `catch_up` before 
 import math
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from companion.estimators.baro_gnss_ins.strapdown import (
@@ -30,8 +31,7 @@ from companion.estimators.baro_gnss_ins.strapdown import (
     wrapped,
     yaw_rad,
 )
-from companion.estimators.baro_gnss_ins.track import clear, push, shift, track_fields
-from companion.estimators.judging import PRESSURE
+from companion.estimators.baro_gnss_ins.track import TRACK, clear, push, shift
 from companion.jit import step
 from companion.kernels.attitude import (
     ATTITUDE_STATE,
@@ -42,7 +42,7 @@ from companion.kernels.attitude import (
     up_is_known,
 )
 from companion.kernels.levelling import MOVING_TILT_SD_RAD
-from companion.samples import Rows
+from companion.samples import Record, Rows
 
 BARO_BIAS, BARO_SCALE, N = 15, 16, 17
 """the last two errors, and how many there are"""
@@ -75,11 +75,10 @@ HIGHEST_M, FASTEST_MPS = 60_000.0, 1_000.0
 """beyond these the filter has diverged"""
 
 
-def ins_fields() -> tuple[tuple[Any, ...], ...]:
-    """The state fields of this part."""
-    return (
+INS = np.dtype(
+    [
         ("attitude", ATTITUDE_STATE),
-        *track_fields(),
+        ("track", TRACK),
         ("time_us", "i8"),  # of position, velocity and attitude; -1 not begun
         ("inertial", "i8"),  # 1 carried on by the IMU, 0 coasting
         ("yaw_known", "i8"),
@@ -99,66 +98,65 @@ def ins_fields() -> tuple[tuple[Any, ...], ...]:
         ("dx", "f8", (N,)),
         ("H", "f8", (N,)),
         ("K", "f8", (N,)),
-        (
-            "mat",
-            "f8",
-            (4, 3),
-        ),  # mat_nb, and specific force NED, in the middle of the newest interval
+        ("mat", "f8", (4, 3)),  # mat_nb and specific force NED in the middle of the newest interval
         ("force_b_mps2", "f8", (3,)),  # newest IMU sample less its biases
         ("rate_b_radps", "f8", (3,)),
-    )
+    ],
+    align=True,
+)
+"""The record of this component."""
 
 
 @step
-def ins_start(state: Rows, params: Rows) -> None:
+def ins_start(ins: Record, params: Rows) -> None:
     """Nothing known but the priors."""
-    s, p = state[0], params[0]
-    attitude_start(state[0].attitude)
-    clear(s.track_us, s.track)
-    s.time_us, s.velocity_us = -1, -1
-    s.inertial, s.yaw_known, s.located = 0, 0, 0
-    s.slip_s, s.sink_s, s.b_m, s.s = 0.0, 0.0, 0.0, 0.0
-    s.rest_us = -1
-    s.position[0], s.position[1], s.position[2] = math.radians(45.0), 0.0, 0.0
-    set_attitude(s.quaternion, 0.0, 0.0, 0.0)
+    p = params[0]
+    attitude_start(ins.attitude)
+    clear(ins.track)
+    ins.time_us, ins.velocity_us = -1, -1
+    ins.inertial, ins.yaw_known, ins.located = 0, 0, 0
+    ins.slip_s, ins.sink_s, ins.b_m, ins.s = 0.0, 0.0, 0.0, 0.0
+    ins.rest_us = -1
+    ins.position[0], ins.position[1], ins.position[2] = math.radians(45.0), 0.0, 0.0
+    set_attitude(ins.quaternion, 0.0, 0.0, 0.0)
     for i in range(6):
-        s.track_at[i] = 0.0
+        ins.track.at[i] = 0.0
     for i in range(3):
-        s.velocity_n_mps[i], s.force_b_mps2[i], s.rate_b_radps[i] = 0.0, 0.0, 0.0
-        s.force_bias_b_mps2[i], s.rate_bias_b_radps[i] = 0.0, 0.0
+        ins.velocity_n_mps[i], ins.force_b_mps2[i], ins.rate_b_radps[i] = 0.0, 0.0, 0.0
+        ins.force_bias_b_mps2[i], ins.rate_bias_b_radps[i] = 0.0, 0.0
         for j in range(4):
-            s.mat[j, i] = 0.0
+            ins.mat[j, i] = 0.0
     for i in range(N):
-        s.dx[i], s.H[i], s.K[i] = 0.0, 0.0, 0.0
+        ins.dx[i], ins.H[i], ins.K[i] = 0.0, 0.0, 0.0
         for j in range(N):
-            s.P[i, j] = 0.0
+            ins.P[i, j] = 0.0
     for i in range(3):
-        s.P[POSITION + i, POSITION + i] = UNKNOWN_M * UNKNOWN_M
-        s.P[VELOCITY + i, VELOCITY + i] = UNKNOWN_MPS * UNKNOWN_MPS
-        s.P[FORCE_BIAS + i, FORCE_BIAS + i] = p.accel_bias_sd_mps2 * p.accel_bias_sd_mps2
-        s.P[RATE_BIAS + i, RATE_BIAS + i] = p.gyro_bias_sd_radps * p.gyro_bias_sd_radps
-    s.P[VELOCITY + DOWN, VELOCITY + DOWN] = UNKNOWN_CLIMB_MPS * UNKNOWN_CLIMB_MPS
-    s.P[BARO_BIAS, BARO_BIAS] = p.baro_bias_sd_m * p.baro_bias_sd_m
-    s.P[BARO_SCALE, BARO_SCALE] = p.baro_scale_sd_ratio * p.baro_scale_sd_ratio
+        ins.P[POSITION + i, POSITION + i] = UNKNOWN_M * UNKNOWN_M
+        ins.P[VELOCITY + i, VELOCITY + i] = UNKNOWN_MPS * UNKNOWN_MPS
+        ins.P[FORCE_BIAS + i, FORCE_BIAS + i] = p.accel_bias_sd_mps2 * p.accel_bias_sd_mps2
+        ins.P[RATE_BIAS + i, RATE_BIAS + i] = p.gyro_bias_sd_radps * p.gyro_bias_sd_radps
+    ins.P[VELOCITY + DOWN, VELOCITY + DOWN] = UNKNOWN_CLIMB_MPS * UNKNOWN_CLIMB_MPS
+    ins.P[BARO_BIAS, BARO_BIAS] = p.baro_bias_sd_m * p.baro_bias_sd_m
+    ins.P[BARO_SCALE, BARO_SCALE] = p.baro_scale_sd_ratio * p.baro_scale_sd_ratio
 
 
 @step
-def begin(state: Rows, time_us: int, height_m: float) -> None:
+def begin(ins: Record, time_us: int, height_m: float) -> None:
     """The first height: where the filter is linearised, known to nobody yet."""
-    state[0].time_us = time_us
-    state[0].position[2] = height_m
+    ins.time_us = time_us
+    ins.position[2] = height_m
 
 
 @step
-def forget_error(state: Rows, index: int, variance: float) -> None:
+def forget_error(ins: Record, index: int, variance: float) -> None:
     """One error starts anew, correlated with no other; what the present sample has found of it is
     void."""
-    P = state[0].P
+    P = ins.P
     for k in range(N):
         P[index, k] = 0.0
         P[k, index] = 0.0
     P[index, index] = variance
-    state[0].dx[index] = 0.0
+    ins.dx[index] = 0.0
 
 
 @step
@@ -175,102 +173,108 @@ def widen_common(P: NDArray[Any], variance: float) -> None:
 
 
 @step
-def catch_up(state: Rows, params: Rows, time_us: int) -> None:
+def catch_up(ins: Record, params: Rows, time_us: int) -> None:
     """Bring the state to a measurement's time, unless the IMU does that."""
-    s = state[0]
-    if s.inertial == 1 and time_us - s.time_us > LONGEST_STEP_S * 1e6:
-        s.inertial = 0
-    if s.inertial == 0 and time_us > s.time_us:
-        _coast(state, params, (time_us - s.time_us) * 1e-6)
-        s.time_us = time_us
-        push(s.track_us, s.track, time_us, s.position, s.velocity_n_mps)
+    if ins.inertial == 1 and time_us - ins.time_us > LONGEST_STEP_S * 1e6:
+        ins.inertial = 0
+    if ins.inertial == 0 and time_us > ins.time_us:
+        _coast(ins, params, (time_us - ins.time_us) * 1e-6)
+        ins.time_us = time_us
+        push(ins.track, time_us, ins.position, ins.velocity_n_mps)
 
 
 @step
-def _coast(state: Rows, params: Rows, dt_s: float) -> None:
-    s, p = state[0], params[0]
+def _coast(ins: Record, params: Rows, dt_s: float) -> None:
+    p = params[0]
     Q = p.coast_noise_mps2_rthz * p.coast_noise_mps2_rthz
-    _walk_biases(state, params, dt_s)
+    _walk_biases(ins, params, dt_s)
     if dt_s > LONGEST_COAST_S:
         for axis in range(3):
-            s.velocity_n_mps[axis] = 0.0
-            forget_error(state, POSITION + axis, UNKNOWN_M * UNKNOWN_M)
-            forget_error(state, VELOCITY + axis, UNKNOWN_MPS * UNKNOWN_MPS)
-        s.P[VELOCITY + DOWN, VELOCITY + DOWN] = UNKNOWN_CLIMB_MPS * UNKNOWN_CLIMB_MPS
-        s.located, s.velocity_us = 0, -1
-        clear(s.track_us, s.track)
+            ins.velocity_n_mps[axis] = 0.0
+            forget_error(ins, POSITION + axis, UNKNOWN_M * UNKNOWN_M)
+            forget_error(ins, VELOCITY + axis, UNKNOWN_MPS * UNKNOWN_MPS)
+        ins.P[VELOCITY + DOWN, VELOCITY + DOWN] = UNKNOWN_CLIMB_MPS * UNKNOWN_CLIMB_MPS
+        ins.located, ins.velocity_us = 0, -1
+        clear(ins.track)
         return
-    v = s.velocity_n_mps
-    move(s.position, v[NORTH] * dt_s, v[EAST] * dt_s, v[DOWN] * dt_s)
-    coast(s.P, dt_s)
-    _transpose(s.P)
-    coast(s.P, dt_s)
+    v = ins.velocity_n_mps
+    move(ins.position, v[NORTH] * dt_s, v[EAST] * dt_s, v[DOWN] * dt_s)
+    coast(ins.P, dt_s)
+    _transpose(ins.P)
+    coast(ins.P, dt_s)
     for axis in range(3):
         i, j = POSITION + axis, VELOCITY + axis
-        s.P[i, i] += Q * dt_s * dt_s * dt_s / 3.0
-        s.P[i, j] += Q * dt_s * dt_s / 2.0
-        s.P[j, i] += Q * dt_s * dt_s / 2.0
-        s.P[j, j] += Q * dt_s
-    _symmetrise(s.P)
+        ins.P[i, i] += Q * dt_s * dt_s * dt_s / 3.0
+        ins.P[i, j] += Q * dt_s * dt_s / 2.0
+        ins.P[j, i] += Q * dt_s * dt_s / 2.0
+        ins.P[j, j] += Q * dt_s
+    _symmetrise(ins.P)
 
 
 @step
-def carry(state: Rows, params: Rows, sample: Rows) -> None:
+def carry(ins: Record, params: Rows, sample: Rows, pressure_us: int) -> None:
     """Carry the state on by an IMU sample; begin to do so when the attitude is known and GNSS shows
-    the velocity."""
-    s = state[0]
-    dt_s = (sample[0].time_us - s.time_us) * 1e-6
-    blind_s = (sample[0].time_us - s.velocity_us) * 1e-6
-    has_baro = (
-        sample[0].time_us - s.last_us[PRESSURE, 0] < BLIND_S * 1e6 and s.last_us[PRESSURE, 0] >= 0
-    )
-    if s.inertial == 1 and (dt_s > LONGEST_STEP_S or blind_s > (BLIND_S if has_baro else ALONE_S)):
-        s.inertial = 0
-    if s.inertial == 0:
-        fresh = s.velocity_us >= 0 and sample[0].time_us - s.velocity_us < 2_000_000
-        if fresh and up_is_known(state[0].attitude) and sample[0].time_us >= s.rest_us:
-            catch_up(state, params, sample[0].time_us)
-            _align(state)
+    the velocity. `pressure_us` is the time of the last pressure, -1 none."""
+    dt_s = (sample[0].time_us - ins.time_us) * 1e-6
+    blind_s = (sample[0].time_us - ins.velocity_us) * 1e-6
+    has_baro = pressure_us >= 0 and sample[0].time_us - pressure_us < BLIND_S * 1e6
+    if ins.inertial == 1 and (
+        dt_s > LONGEST_STEP_S or blind_s > (BLIND_S if has_baro else ALONE_S)
+    ):
+        ins.inertial = 0
+    if ins.inertial == 0:
+        fresh = ins.velocity_us >= 0 and sample[0].time_us - ins.velocity_us < 2_000_000
+        if fresh and up_is_known(ins.attitude) and sample[0].time_us >= ins.rest_us:
+            catch_up(ins, params, sample[0].time_us)
+            _align(ins)
         return
     if dt_s <= 0.0:
         return
     for i in range(3):
-        s.force_b_mps2[i] = sample[0].specific_force_b_mps2[i] - s.force_bias_b_mps2[i]
-        s.rate_b_radps[i] = sample[0].angular_rate_b_radps[i] - s.rate_bias_b_radps[i]
+        ins.force_b_mps2[i] = sample[0].specific_force_b_mps2[i] - ins.force_bias_b_mps2[i]
+        ins.rate_b_radps[i] = sample[0].angular_rate_b_radps[i] - ins.rate_bias_b_radps[i]
     mechanise(
-        s.position, s.velocity_n_mps, s.quaternion, s.force_b_mps2, s.rate_b_radps, dt_s, s.mat
+        ins.position,
+        ins.velocity_n_mps,
+        ins.quaternion,
+        ins.force_b_mps2,
+        ins.rate_b_radps,
+        dt_s,
+        ins.mat,
     )
-    s.time_us = sample[0].time_us
-    propagate(state, params, dt_s)
-    push(s.track_us, s.track, s.time_us, s.position, s.velocity_n_mps)
+    ins.time_us = sample[0].time_us
+    propagate(ins, params, dt_s)
+    push(ins.track, ins.time_us, ins.position, ins.velocity_n_mps)
 
 
 @step
-def propagate(state: Rows, params: Rows, dt_s: float) -> None:
+def propagate(ins: Record, params: Rows, dt_s: float) -> None:
     """P = Phi P Phi' + Q dt over the interval that `mechanise` has just carried."""
-    s, p = state[0], params[0]
-    transition(s.P, s.mat, dt_s)
-    _transpose(s.P)
-    transition(s.P, s.mat, dt_s)
+    p = params[0]
+    transition(ins.P, ins.mat, dt_s)
+    _transpose(ins.P)
+    transition(ins.P, ins.mat, dt_s)
     force = p.accel_noise_mps2_rthz * p.accel_noise_mps2_rthz + SNAPSHOT_MPS2 * SNAPSHOT_MPS2 * dt_s
     rate = (
         p.gyro_noise_radps_rthz * p.gyro_noise_radps_rthz + SNAPSHOT_RADPS * SNAPSHOT_RADPS * dt_s
     )
     for i in range(3):
-        s.P[VELOCITY + i, VELOCITY + i] += force * dt_s
-        s.P[TILT + i, TILT + i] += rate * dt_s
-    _walk_biases(state, params, dt_s)
-    _symmetrise(s.P)
+        ins.P[VELOCITY + i, VELOCITY + i] += force * dt_s
+        ins.P[TILT + i, TILT + i] += rate * dt_s
+    _walk_biases(ins, params, dt_s)
+    _symmetrise(ins.P)
 
 
 @step
-def _walk_biases(state: Rows, params: Rows, dt_s: float) -> None:
-    s, p = state[0], params[0]
+def _walk_biases(ins: Record, params: Rows, dt_s: float) -> None:
+    p = params[0]
     for i in range(3):
-        s.P[FORCE_BIAS + i, FORCE_BIAS + i] += p.accel_walk_mps2_rts * p.accel_walk_mps2_rts * dt_s
-        s.P[RATE_BIAS + i, RATE_BIAS + i] += p.gyro_walk_radps_rts * p.gyro_walk_radps_rts * dt_s
-    s.P[BARO_BIAS, BARO_BIAS] += p.baro_walk_m_rts * p.baro_walk_m_rts * dt_s
-    s.P[BARO_SCALE, BARO_SCALE] += p.baro_scale_walk_rts * p.baro_scale_walk_rts * dt_s
+        ins.P[FORCE_BIAS + i, FORCE_BIAS + i] += (
+            p.accel_walk_mps2_rts * p.accel_walk_mps2_rts * dt_s
+        )
+        ins.P[RATE_BIAS + i, RATE_BIAS + i] += p.gyro_walk_radps_rts * p.gyro_walk_radps_rts * dt_s
+    ins.P[BARO_BIAS, BARO_BIAS] += p.baro_walk_m_rts * p.baro_walk_m_rts * dt_s
+    ins.P[BARO_SCALE, BARO_SCALE] += p.baro_scale_walk_rts * p.baro_scale_walk_rts * dt_s
 
 
 @step
@@ -290,57 +294,56 @@ def _symmetrise(P: NDArray[Any]) -> None:
 
 
 @step
-def inject(state: Rows, params: Rows) -> None:
+def inject(ins: Record, params: Rows) -> None:
     """Move the errors found into the state, and its past with it."""
-    s = state[0]
-    dx = s.dx
-    move(s.position, dx[0], dx[1], dx[2])
-    turn_frame(s.quaternion, dx[TILT], dx[TILT + 1], dx[TILT + 2])
+    dx = ins.dx
+    move(ins.position, dx[0], dx[1], dx[2])
+    turn_frame(ins.quaternion, dx[TILT], dx[TILT + 1], dx[TILT + 2])
     for i in range(3):
-        s.velocity_n_mps[i] += dx[VELOCITY + i]
-        s.force_bias_b_mps2[i] += dx[FORCE_BIAS + i]
-        s.rate_bias_b_radps[i] += dx[RATE_BIAS + i]
-    s.b_m += dx[BARO_BIAS]
-    s.s += dx[BARO_SCALE]
-    shift(s.track_us, s.track, s.time_us, dx[:VELOCITY], dx[VELOCITY:TILT])
+        ins.velocity_n_mps[i] += dx[VELOCITY + i]
+        ins.force_bias_b_mps2[i] += dx[FORCE_BIAS + i]
+        ins.rate_bias_b_radps[i] += dx[RATE_BIAS + i]
+    ins.b_m += dx[BARO_BIAS]
+    ins.s += dx[BARO_SCALE]
+    shift(ins.track, ins.time_us, dx[:VELOCITY], dx[VELOCITY:TILT])
     for i in range(N):
         dx[i] = 0.0
-    speed = math.hypot(math.hypot(s.velocity_n_mps[0], s.velocity_n_mps[1]), s.velocity_n_mps[2])
-    if not abs(s.position[2]) < HIGHEST_M or not speed < FASTEST_MPS:
-        ins_start(state, params)
+    speed = math.hypot(
+        math.hypot(ins.velocity_n_mps[0], ins.velocity_n_mps[1]), ins.velocity_n_mps[2]
+    )
+    if not abs(ins.position[2]) < HIGHEST_M or not speed < FASTEST_MPS:
+        ins_start(ins, params)
 
 
 # Attitude
 
 
 @step
-def _align(state: Rows) -> None:
+def _align(ins: Record) -> None:
     """Begin to integrate: roll, pitch and gyro bias of the attitude component, yaw along the course
     or unknown."""
-    s = state[0]
-    set_attitude(s.quaternion, roll_rad(state[0].attitude), pitch_rad(state[0].attitude), 0.0)
-    sd_rad = tilt_sd_rad(state[0].attitude)
+    set_attitude(ins.quaternion, roll_rad(ins.attitude), pitch_rad(ins.attitude), 0.0)
+    sd_rad = tilt_sd_rad(ins.attitude)
     tilt_var = (
         sd_rad * sd_rad if sd_rad > 0.0 else MOVING_TILT_SD_RAD * MOVING_TILT_SD_RAD
     )  # the vehicle's alone
     for i in range(3):
-        s.rate_bias_b_radps[i] = s.attitude.own.bias_b_radps[i]
+        ins.rate_bias_b_radps[i] = ins.attitude.own.bias_b_radps[i]
         # An accelerometer bias tilts the level by bias / g.
-        forget_error(state, TILT + i, tilt_var + s.P[FORCE_BIAS + i, FORCE_BIAS + i] / 96.0)
-        forget_error(state, RATE_BIAS + i, s.attitude.own.bias_var)
-    forget_error(state, TILT + DOWN, UNKNOWN_YAW_SD_RAD * UNKNOWN_YAW_SD_RAD)
-    s.inertial, s.yaw_known, s.slip_s, s.sink_s = 1, 0, 0.0, 0.0
-    if s.attitude.own.speed_mps > SLOWEST_COURSE_MPS:
-        set_yaw(state, s.attitude.own.course_rad, course_sd_rad(s.attitude.own.speed_mps))
+        forget_error(ins, TILT + i, tilt_var + ins.P[FORCE_BIAS + i, FORCE_BIAS + i] / 96.0)
+        forget_error(ins, RATE_BIAS + i, ins.attitude.own.bias_var)
+    forget_error(ins, TILT + DOWN, UNKNOWN_YAW_SD_RAD * UNKNOWN_YAW_SD_RAD)
+    ins.inertial, ins.yaw_known, ins.slip_s, ins.sink_s = 1, 0, 0.0, 0.0
+    if ins.attitude.own.speed_mps > SLOWEST_COURSE_MPS:
+        set_yaw(ins, ins.attitude.own.course_rad, course_sd_rad(ins.attitude.own.speed_mps))
 
 
 @step
-def set_yaw(state: Rows, yaw: float, sd_rad: float) -> None:
+def set_yaw(ins: Record, yaw: float, sd_rad: float) -> None:
     """Turn the nose to `yaw` about the vertical."""
-    s = state[0]
-    turn_frame(s.quaternion, 0.0, 0.0, wrapped(yaw - yaw_rad(s.quaternion)))
-    forget_error(state, TILT + DOWN, sd_rad * sd_rad)
-    s.yaw_known = 1
+    turn_frame(ins.quaternion, 0.0, 0.0, wrapped(yaw - yaw_rad(ins.quaternion)))
+    forget_error(ins, TILT + DOWN, sd_rad * sd_rad)
+    ins.yaw_known = 1
 
 
 @step
@@ -350,16 +353,16 @@ def course_sd_rad(speed_mps: float) -> float:
 
 
 @step
-def suspend(state: Rows, params: Rows) -> None:
+def suspend(ins: Record, params: Rows) -> None:
     """Stop integrating for a while: h and b may have gone far together; climb, s and the IMU's
     biases are unknown."""
-    s, p, P = state[0], params[0], state[0].P
-    s.inertial, s.slip_s, s.sink_s = 0, 0.0, 0.0
-    s.rest_us = s.time_us + REST_US
-    forget_error(state, BARO_SCALE, p.baro_scale_sd_ratio * p.baro_scale_sd_ratio)
+    p, P = params[0], ins.P
+    ins.inertial, ins.slip_s, ins.sink_s = 0, 0.0, 0.0
+    ins.rest_us = ins.time_us + REST_US
+    forget_error(ins, BARO_SCALE, p.baro_scale_sd_ratio * p.baro_scale_sd_ratio)
     widen_common(P, RUNAWAY_M * RUNAWAY_M)
     for i in range(3):
-        s.force_bias_b_mps2[i], s.rate_bias_b_radps[i] = 0.0, 0.0
-        forget_error(state, VELOCITY + i, UNKNOWN_CLIMB_MPS * UNKNOWN_CLIMB_MPS)
-        forget_error(state, FORCE_BIAS + i, p.accel_bias_sd_mps2 * p.accel_bias_sd_mps2)
-        forget_error(state, RATE_BIAS + i, p.gyro_bias_sd_radps * p.gyro_bias_sd_radps)
+        ins.force_bias_b_mps2[i], ins.rate_bias_b_radps[i] = 0.0, 0.0
+        forget_error(ins, VELOCITY + i, UNKNOWN_CLIMB_MPS * UNKNOWN_CLIMB_MPS)
+        forget_error(ins, FORCE_BIAS + i, p.accel_bias_sd_mps2 * p.accel_bias_sd_mps2)
+        forget_error(ins, RATE_BIAS + i, p.gyro_bias_sd_radps * p.gyro_bias_sd_radps)

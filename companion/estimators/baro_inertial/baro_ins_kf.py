@@ -32,7 +32,7 @@ Departures
   (local gravity).
 - The accelerometer bias state (default on). Without it a bias of the accelerometer drags the
   altitude for ever, and only then does the damping loop beat this filter.
-- Start height, gate, restart, GNSS as a witness: as in `damping_loop`, with the same constants. The
+- Start height, gate, restart, GNSS for the spread: as in `damping_loop`, with the same constants. The
   spread of the estimate is that of P together with that of the reference
   (`baro_inertial.reference_sd_m`); P knows nothing of the weather.
 - Without an IMU that can be integrated (below about 10 Hz its samples are IGNORED) A_z = 0, with
@@ -44,25 +44,25 @@ The same as `damping_loop`: every lasting error of the barometer is the altitude
 """
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
-import numpy as np
 from pydantic import Field
 
 from companion.estimators.baro_inertial.inputs import (
     HIGHEST_PA,
-    INPUT_PARAMS,
+    INPUTS,
     LOWEST_PA,
-    InputSettings,
     baro_is_silent,
     gate_m,
-    input_fields,
+    note_fix,
     start_inputs,
-    take_fix,
     take_imu,
     take_pressure,
     waited_climb_mps,
     write_altitude,
 )
+from companion.estimators.baro_inertial.settings import InputSettings
 from companion.estimators.judging import (
     ATTITUDE,
     GATED,
@@ -93,7 +93,7 @@ START_CLIMB_VAR = 1.0
 """of the barometer's slope over two seconds, (m/s)2"""
 
 STATE = state_dtype(
-    *input_fields(),
+    ("inputs", INPUTS),
     ("running", "i8"),
     ("x_us", "i8"),  # time of x
     ("corrected_us", "i8"),  # time of the last barometer sample that was taken in
@@ -101,21 +101,6 @@ STATE = state_dtype(
     ("P", "f8", (4, 4)),
     ("H", "f8", (4,)),
     ("K", "f8", (4,)),
-)
-
-PARAMS = np.dtype(
-    [
-        *INPUT_PARAMS,
-        ("accelerometer_bias_state", "i8"),
-        ("sigma_m", "f8"),
-        ("beta_ps", "f8"),
-        ("R_m2", "f8"),
-        ("q_m2ps3", "f8"),
-        ("baro_alone_q_m2ps3", "f8"),
-        ("bias_mps2", "f8"),
-        ("bias_beta_ps", "f8"),
-    ],
-    align=True,
 )
 
 
@@ -130,27 +115,29 @@ class BaroInsKfSettings(InputSettings):
     """1 / beta of (12)"""
     baro_sd_m: float = Field(0.3, gt=0, le=100)
     """of v_a: noise of one sample"""
-    acceleration_noise: float = Field(0.1, gt=0, le=10)
+    acceleration_noise_mps2_rthz: float = Field(0.1, gt=0, le=10)
     """of w, m/s2/sqrt(Hz): attitude errors of a degree or two in manoeuvres, far more than the
     accelerometer's own"""
-    unknown_acceleration: float = Field(1.0, gt=0, le=100)
+    unknown_acceleration_mps2_rthz: float = Field(1.0, gt=0, le=100)
     """of w without an IMU, m/s2/sqrt(Hz): 1 m/s2 for a second"""
-    accelerometer_bias_mps2: float = Field(0.1, gt=0, le=10)
+    accelerometer_bias_sd_mps2: float = Field(0.1, gt=0, le=10)
     """spread of the accelerometer's bias: 10 mg"""
     accelerometer_bias_time_s: float = Field(600.0, gt=0, le=1e5)
     """how long it lasts"""
 
-    def params(self) -> Rows:
-        row = self.input_params(PARAMS)
-        row["accelerometer_bias_state"] = self.accelerometer_bias_state
-        row["sigma_m"] = self.baro_bias_sd_m
-        row["beta_ps"] = 1.0 / self.baro_bias_time_s
-        row["R_m2"] = self.baro_sd_m**2
-        row["q_m2ps3"] = self.acceleration_noise**2
-        row["baro_alone_q_m2ps3"] = self.unknown_acceleration**2
-        row["bias_mps2"] = self.accelerometer_bias_mps2 if self.accelerometer_bias_state else 0.0
-        row["bias_beta_ps"] = 1.0 / self.accelerometer_bias_time_s
-        return row
+    def derived(self) -> Mapping[str, Any]:
+        """The letters of the paper."""
+        has_bias = self.accelerometer_bias_state
+        return {
+            **super().derived(),
+            "sigma_m": self.baro_bias_sd_m,
+            "beta_ps": 1.0 / self.baro_bias_time_s,
+            "R_m2": self.baro_sd_m**2,
+            "q_m2ps3": self.acceleration_noise_mps2_rthz**2,
+            "baro_alone_q_m2ps3": self.unknown_acceleration_mps2_rthz**2,
+            "bias_mps2": self.accelerometer_bias_sd_mps2 if has_bias else 0.0,
+            "bias_beta_ps": 1.0 / self.accelerometer_bias_time_s,
+        }
 
 
 def init(params: Rows) -> Rows:
@@ -164,7 +151,7 @@ def init(params: Rows) -> Rows:
 def start(state: Rows, params: Rows) -> None:
     """Forget everything but the counters."""
     reset(state)
-    start_inputs(state)
+    start_inputs(state[0].inputs)
     s = state[0]
     s.running = 0
     s.x_us = -1
@@ -203,7 +190,9 @@ def advance(state: Rows, params: Rows, time_us: int) -> None:
     if s.running == 0 or elapsed_s <= 0.0:
         return
     acceleration = (
-        0.0 if math.isnan(s.acceleration_mps2) else s.acceleration_mps2 - s.x[ACCELERATION]
+        0.0
+        if math.isnan(s.inputs.acceleration_mps2)
+        else s.inputs.acceleration_mps2 - s.x[ACCELERATION]
     )
     s.x[ALTITUDE] += elapsed_s * (s.x[V] + 0.5 * elapsed_s * acceleration)
     s.x[V] += elapsed_s * acceleration
@@ -217,7 +206,7 @@ def spread_out(state: Rows, params: Rows, T: float) -> None:
     """P = Phi P Phi' + Q over T, once a barometer sample: nothing reads it in between."""
     s, p = state[0], params[0]
     P = s.P
-    alone = math.isnan(s.acceleration_mps2)
+    alone = math.isnan(s.inputs.acceleration_mps2)
     g = 0.0 if alone else -T  # what the accelerometer bias does to the climb
     phi_b, phi_a = math.exp(-p.beta_ps * T), math.exp(-p.bias_beta_ps * T)
     for j in range(4):  # Phi P
@@ -249,16 +238,17 @@ def spread_out(state: Rows, params: Rows, T: float) -> None:
 @step
 def on_imu(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     """A_z, and (13) up to now."""
+    s = state[0]
     if sample[0].instance != 0:
         return tally(state, IMU, IGNORED)
     verdict = judge_imu(state, sample)
     if verdict != USED:
         return tally(state, IMU, verdict)
     place(state, IMU, 0, sample[0].time_us)
-    if not take_imu(state, sample):
+    if not take_imu(s.inputs, sample):
         return tally(state, IMU, IGNORED)
-    if baro_is_silent(state, sample[0].time_us):
-        state[0].running = 0
+    if baro_is_silent(s.last_us[PRESSURE, 0], sample[0].time_us):
+        s.running = 0
     advance(state, params, sample[0].time_us)
     write_estimate(state, params, estimate)
     return tally(state, IMU, USED)
@@ -274,36 +264,45 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     if verdict != USED:
         return tally(state, PRESSURE, verdict)
     time_us = sample[0].time_us
-    if baro_is_silent(state, time_us):
-        s.running, s.wait_us = 0, -1
+    if baro_is_silent(s.last_us[PRESSURE, 0], time_us):
+        s.running, s.inputs.wait_us = 0, -1
     place(state, PRESSURE, 0, time_us)
-    calibrated = take_pressure(state, params, sample)
+    calibrated = take_pressure(s.inputs, params, sample, s.last_us[IMU, 0])
     if math.isnan(calibrated):
         return tally(state, PRESSURE, USED)
     advance(state, params, time_us)
     if s.running == 1:
         T = (time_us - s.corrected_us) * 1e-6
         innovation = calibrated - s.x[ALTITUDE] - s.x[BIAS] + s.x[V] * (s.x_us - time_us) * 1e-6
-        if abs(innovation) <= gate_m(state, T):
+        if abs(innovation) <= gate_m(s.inputs, T):
             spread_out(state, params, T)
             correct(s.x, s.P, s.H, s.K, innovation, params[0].R_m2)
-            s.corrected_us, s.wait_us = time_us, -1
+            s.corrected_us, s.inputs.wait_us = time_us, -1
             write_estimate(state, params, estimate)
             return tally(state, PRESSURE, USED)
-    climb_mps = waited_climb_mps(state, time_us, calibrated)
+    climb_mps = waited_climb_mps(s.inputs, time_us, calibrated)
     if not math.isnan(climb_mps):
         start_at(state, params, time_us, calibrated, climb_mps)
     elif s.running == 1:
         return tally(state, PRESSURE, GATED)
     else:
-        write_altitude(state, params, estimate, time_us, calibrated, math.nan, params[0].R_m2)
+        write_altitude(
+            s.inputs,
+            params,
+            estimate,
+            time_us,
+            calibrated,
+            math.nan,
+            params[0].R_m2,
+            s.last_us[PRESSURE, 0],
+        )
     write_estimate(state, params, estimate)
     return tally(state, PRESSURE, USED)
 
 
 @step
 def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
-    """The start height; after it a witness."""
+    """The start height; after it the reported spread."""
     s = state[0]
     if sample[0].instance != 0:
         return tally(state, GNSS, IGNORED)
@@ -314,7 +313,7 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     altitude_m = (
         s.x[ALTITUDE] - s.x[V] * (s.x_us - sample[0].time_us) * 1e-6 if s.running == 1 else math.nan
     )
-    take_fix(state, params, sample, estimate, altitude_m)
+    note_fix(s.inputs, params, sample, estimate, altitude_m, s.now_us, s.last_us[PRESSURE, 0])
     return tally(state, GNSS, USED)
 
 
@@ -326,7 +325,7 @@ def on_attitude(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     verdict = judge_attitude(state, sample)
     if verdict == USED:
         place(state, ATTITUDE, 0, sample[0].time_us)
-        attitude_vehicle(state[0].attitude, sample)
+        attitude_vehicle(state[0].inputs.attitude, sample)
     return tally(state, ATTITUDE, verdict)
 
 
@@ -345,7 +344,14 @@ def write_estimate(state: Rows, params: Rows, estimate: Rows) -> None:
     s = state[0]
     if s.running == 1:
         write_altitude(
-            state, params, estimate, s.x_us, s.x[ALTITUDE], s.x[V], s.P[ALTITUDE, ALTITUDE]
+            s.inputs,
+            params,
+            estimate,
+            s.x_us,
+            s.x[ALTITUDE],
+            s.x[V],
+            s.P[ALTITUDE, ALTITUDE],
+            s.last_us[PRESSURE, 0],
         )
         estimate[0].climb_sd_mps = math.sqrt(s.P[V, V])
 

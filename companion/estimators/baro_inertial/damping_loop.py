@@ -39,7 +39,7 @@ Departures
 ----------
 - 2 w_s^2 h, the decrease of gravity with height, is in A_z: local gravity is taken at the GNSS
   height.
-- GNSS gives the start height and bears witness to the spread, no more. A lasting step of the
+- GNSS gives the start height and the reported spread, no more. A lasting step of the
   barometer stays in the altitude, as it must in a baro-inertial loop: ``follows_baro_step`` is
   False.
 - A barometer that is further than `baro_inertial.GATE_M` from the loop is GATED; after two seconds
@@ -56,25 +56,25 @@ that excites .55 rad/s (11 s: turns with a wrong attitude) is amplified three ti
 """
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from companion.estimators.baro_inertial.inputs import (
     HIGHEST_PA,
-    INPUT_PARAMS,
+    INPUTS,
     LOWEST_PA,
-    InputSettings,
     baro_is_silent,
     gate_m,
-    input_fields,
+    note_fix,
     start_inputs,
-    take_fix,
     take_imu,
     take_pressure,
     waited_climb_mps,
     write_altitude,
 )
+from companion.estimators.baro_inertial.settings import InputSettings
 from companion.estimators.judging import (
     ATTITUDE,
     GATED,
@@ -107,18 +107,13 @@ BARO_ALONE = (2.0, 1.0, 0.0)
 """gains without an IMU"""
 
 STATE = state_dtype(
-    *input_fields(),
+    ("inputs", INPUTS),
     ("running", "i8"),
     ("x_us", "i8"),  # time of h, v, a_c
     ("corrected_us", "i8"),  # time of the last barometer sample that was taken in
     ("h", "f8"),
     ("v", "f8"),
     ("a_c", "f8"),
-)
-
-PARAMS = np.dtype(
-    [*INPUT_PARAMS, ("poles", "f8", (3,)), ("baro_alone_poles", "f8", (3,))],
-    align=True,
 )
 
 
@@ -138,11 +133,12 @@ class DampingLoopSettings(InputSettings):
             raise ValueError("these gains are unstable: k1 (k2 - 3.1e-6) must exceed k3")
         return self
 
-    def params(self) -> Rows:
-        row = self.input_params(PARAMS)
-        row["poles"] = poles(self.k1, self.k2, self.k3)
-        row["baro_alone_poles"] = poles(*BARO_ALONE)
-        return row
+    def derived(self) -> Mapping[str, Any]:
+        return {
+            **super().derived(),
+            "poles": poles(self.k1, self.k2, self.k3),
+            "baro_alone_poles": poles(*BARO_ALONE),
+        }
 
 
 @step
@@ -207,7 +203,7 @@ def init(params: Rows) -> Rows:
 def start(state: Rows) -> None:
     """Forget everything but the counters."""
     reset(state)
-    start_inputs(state)
+    start_inputs(state[0].inputs)
     s = state[0]
     s.running = 0
     s.x_us = -1
@@ -225,7 +221,9 @@ def advance(state: Rows, time_us: int) -> None:
     elapsed_s = (time_us - s.x_us) * 1e-6
     if s.running == 0 or elapsed_s <= 0.0:
         return
-    acceleration = 0.0 if math.isnan(s.acceleration_mps2) else s.acceleration_mps2 - s.a_c
+    acceleration = (
+        0.0 if math.isnan(s.inputs.acceleration_mps2) else s.inputs.acceleration_mps2 - s.a_c
+    )
     s.h += elapsed_s * (s.v + 0.5 * elapsed_s * acceleration)
     s.v += elapsed_s * acceleration
     s.x_us = time_us
@@ -235,7 +233,7 @@ def advance(state: Rows, time_us: int) -> None:
 def feed_back(state: Rows, params: Rows, error_m: float, T: float) -> None:
     """The feedback of (6) over T, by its exact discrete gains."""
     s, p = state[0], params[0]
-    if math.isnan(s.acceleration_mps2):
+    if math.isnan(s.inputs.acceleration_mps2):
         alpha, beta, _ = matched_gains(
             p.baro_alone_poles[0], p.baro_alone_poles[1], p.baro_alone_poles[2], T
         )
@@ -249,16 +247,17 @@ def feed_back(state: Rows, params: Rows, error_m: float, T: float) -> None:
 @step
 def on_imu(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     """A_z, and (6) up to now."""
+    s = state[0]
     if sample[0].instance != 0:
         return tally(state, IMU, IGNORED)
     verdict = judge_imu(state, sample)
     if verdict != USED:
         return tally(state, IMU, verdict)
     place(state, IMU, 0, sample[0].time_us)
-    if not take_imu(state, sample):
+    if not take_imu(s.inputs, sample):
         return tally(state, IMU, IGNORED)
-    if baro_is_silent(state, sample[0].time_us):
-        state[0].running = 0
+    if baro_is_silent(s.last_us[PRESSURE, 0], sample[0].time_us):
+        s.running = 0
     advance(state, sample[0].time_us)
     write_estimate(state, params, estimate)
     return tally(state, IMU, USED)
@@ -274,35 +273,44 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     if verdict != USED:
         return tally(state, PRESSURE, verdict)
     time_us = sample[0].time_us
-    if baro_is_silent(state, time_us):
-        s.running, s.wait_us = 0, -1
+    if baro_is_silent(s.last_us[PRESSURE, 0], time_us):
+        s.running, s.inputs.wait_us = 0, -1
     place(state, PRESSURE, 0, time_us)
-    calibrated = take_pressure(state, params, sample)
+    calibrated = take_pressure(s.inputs, params, sample, s.last_us[IMU, 0])
     if math.isnan(calibrated):
         return tally(state, PRESSURE, USED)
     advance(state, time_us)
     if s.running == 1:
         T = (time_us - s.corrected_us) * 1e-6
         error_m = s.h - s.v * (s.x_us - time_us) * 1e-6 - calibrated
-        if abs(error_m) <= gate_m(state, T):
+        if abs(error_m) <= gate_m(s.inputs, T):
             feed_back(state, params, error_m, T)
-            s.corrected_us, s.wait_us = time_us, -1
+            s.corrected_us, s.inputs.wait_us = time_us, -1
             write_estimate(state, params, estimate)
             return tally(state, PRESSURE, USED)
-    climb_mps = waited_climb_mps(state, time_us, calibrated)
+    climb_mps = waited_climb_mps(s.inputs, time_us, calibrated)
     if not math.isnan(climb_mps):
         s.running, s.x_us, s.corrected_us, s.h, s.v = 1, time_us, time_us, calibrated, climb_mps
     elif s.running == 1:
         return tally(state, PRESSURE, GATED)
     else:
-        write_altitude(state, params, estimate, time_us, calibrated, math.nan, LOOP_VAR_M2)
+        write_altitude(
+            s.inputs,
+            params,
+            estimate,
+            time_us,
+            calibrated,
+            math.nan,
+            LOOP_VAR_M2,
+            s.last_us[PRESSURE, 0],
+        )
     write_estimate(state, params, estimate)
     return tally(state, PRESSURE, USED)
 
 
 @step
 def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
-    """The start height; after it a witness."""
+    """The start height; after it the reported spread."""
     s = state[0]
     if sample[0].instance != 0:
         return tally(state, GNSS, IGNORED)
@@ -311,7 +319,7 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         return tally(state, GNSS, verdict)
     place(state, GNSS, 0, sample[0].time_us)
     altitude_m = s.h - s.v * (s.x_us - sample[0].time_us) * 1e-6 if s.running == 1 else math.nan
-    take_fix(state, params, sample, estimate, altitude_m)
+    note_fix(s.inputs, params, sample, estimate, altitude_m, s.now_us, s.last_us[PRESSURE, 0])
     return tally(state, GNSS, USED)
 
 
@@ -323,7 +331,7 @@ def on_attitude(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     verdict = judge_attitude(state, sample)
     if verdict == USED:
         place(state, ATTITUDE, 0, sample[0].time_us)
-        attitude_vehicle(state[0].attitude, sample)
+        attitude_vehicle(state[0].inputs.attitude, sample)
     return tally(state, ATTITUDE, verdict)
 
 
@@ -341,7 +349,9 @@ def write_estimate(state: Rows, params: Rows, estimate: Rows) -> None:
     """The loop's altitude and climb."""
     s = state[0]
     if s.running == 1:
-        write_altitude(state, params, estimate, s.x_us, s.h, s.v, LOOP_VAR_M2)
+        write_altitude(
+            s.inputs, params, estimate, s.x_us, s.h, s.v, LOOP_VAR_M2, s.last_us[PRESSURE, 0]
+        )
 
 
 @step

@@ -40,6 +40,15 @@ from companion.estimators.baro_inertial.damping_loop import (
     is_stable,
     poles,
 )
+from companion.estimators.baro_inertial.genetic import (
+    GENERATIONS,
+    PAPER_GAINS,
+    STRING_BITS,
+    Gains,
+    Search,
+    decode,
+    search,
+)
 from companion.estimators.baro_inertial.inputs import (
     BARO_TIMEOUT_US,
     GATE_M,
@@ -51,16 +60,6 @@ from companion.jit import step
 from companion.samples import ESTIMATE, Kind, Rows, SampleLog, Tables, readable, rows
 
 Array = NDArray[Any]
-Gains = tuple[float, float, float]
-
-BITS = 5
-RANGES = ((0.0, 3.0), (0.0, 1.0), (0.0, 1.0))
-STRING_BITS = BITS * len(RANGES)
-POPULATION = 16
-TOURNAMENT = 3
-CROSSOVER = 0.9
-GENERATIONS = 60
-PAPER_GAINS = (3.0, 20.0 / 31.0, 27.0 / 31.0)
 
 SLOPE_US = 4_000_000
 LEAST_FIXES = 30
@@ -70,107 +69,6 @@ LEAST_FIXES_A_WINDOW = 3
 COURSE = np.dtype([("time_us", "i8"), ("kind", "i8"), ("value", "f8")], align=True)
 """Acceleration (IMU), calibrated height (PRESSURE), climb or, where the log has none, height
 (GNSS)."""
-
-
-def mutation_probability(generation: int) -> float:
-    """p_m of (8)."""
-    return 1.0 / 240.0 + 0.11375 / 2.0**generation
-
-
-def decode(string: int) -> Gains:
-    """Gains of a string of 15 bits, K1 in the highest five."""
-    shares = [((string >> (BITS * place)) & (2**BITS - 1)) / (2**BITS - 1) for place in (2, 1, 0)]
-    K1, K2, K3 = (
-        low + share * (high - low) for share, (low, high) in zip(shares, RANGES, strict=True)
-    )
-    return K1, K2, K3
-
-
-def encode(gains: Gains) -> int:
-    """The string whose gains are nearest."""
-    string = 0
-    for gain, (low, high) in zip(gains, RANGES, strict=True):
-        string = (string << BITS) | round((gain - low) / (high - low) * (2**BITS - 1))
-    return string
-
-
-@dataclass(frozen=True)
-class Search:
-    """What a genetic search found."""
-
-    string: int
-    cost: float
-    history: tuple[float, ...]
-    """lowest cost of each generation"""
-    evaluations: int
-    """different strings tried"""
-
-
-def search(
-    cost: Callable[[int], float],
-    random: np.random.Generator,
-    generations: int = GENERATIONS,
-    on_progress: Callable[[float], None] | None = None,
-) -> Search:
-    """The paper's steps 1-5: the string with the lowest cost that was found."""
-    known: dict[int, float] = {}
-
-    def price(string: int) -> float:
-        if string not in known:
-            known[string] = cost(string)
-        return known[string]
-
-    population = [int(string) for string in random.integers(0, 2**STRING_BITS, POPULATION)]
-    history = [min(price(string) for string in population)]
-    for generation in range(generations):
-        children: list[int] = []
-        for _ in range(POPULATION // 2):
-            pair = _tournament(population, price, random), _tournament(population, price, random)
-            children += _crossover(*pair, random)
-            children += [
-                _mutate(parent, mutation_probability(generation), random) for parent in pair
-            ]
-        population = _dominant(population + children, price)
-        history.append(price(population[0]))
-        if on_progress is not None:
-            on_progress((generation + 1) / generations)
-    best = min(population, key=price)
-    return Search(best, price(best), tuple(history), len(known))
-
-
-def _tournament(
-    population: list[int], price: Callable[[int], float], random: np.random.Generator
-) -> int:
-    """The best of a few."""
-    chosen = random.integers(0, len(population), TOURNAMENT)
-    return min((population[int(index)] for index in chosen), key=price)
-
-
-def _crossover(first: int, second: int, random: np.random.Generator) -> list[int]:
-    """Two children with their tails exchanged at one point, or copies."""
-    if random.random() >= CROSSOVER:
-        return [first, second]
-    tail = (1 << int(random.integers(1, STRING_BITS))) - 1
-    return [(first & ~tail) | (second & tail), (second & ~tail) | (first & tail)]
-
-
-def _mutate(string: int, probability: float, random: np.random.Generator) -> int:
-    flips = random.random(STRING_BITS) < probability
-    return string ^ sum(1 << place for place in np.flatnonzero(flips).tolist())
-
-
-def _dominant(strings: list[int], price: Callable[[int], float]) -> list[int]:
-    """The best different strings, the best of all first, then the one nearest to it by (9)."""
-    ranked = sorted(set(strings), key=lambda string: (price(string), string))
-    best = ranked[0]
-    nearest = min(ranked[1:], key=lambda string: (distance(string, best), string), default=best)
-    kept = [best, nearest] + [string for string in ranked[1:] if string != nearest]
-    return (kept * POPULATION)[:POPULATION]
-
-
-def distance(first: int, second: int) -> float:
-    """(9): squared distance of the gains of two strings."""
-    return sum((a - b) ** 2 for a, b in zip(decode(first), decode(second), strict=True))
 
 
 @step
@@ -194,14 +92,17 @@ def note_inputs(
         if kind == IMU:
             sample = tables.imu[row : row + 1]
             if damping_loop.on_imu(state, params, sample, estimate) == USED:
-                course[i].time_us, course[i].value = sample[0].time_us, state[0].acceleration_mps2
+                course[i].time_us, course[i].value = (
+                    sample[0].time_us,
+                    state[0].inputs.acceleration_mps2,
+                )
         elif kind == PRESSURE:
             sample = tables.pressure[row : row + 1]
             if damping_loop.on_pressure(state, params, sample, estimate) == USED:
-                s = state[0]
+                inputs = state[0].inputs
                 course[i].time_us = sample[0].time_us
                 course[i].value = calibrated_m(
-                    s.level_m, s.start_level_m, s.start_height_m, s.scale
+                    inputs.level_m, inputs.start_level_m, inputs.start_height_m, inputs.scale
                 )
         elif kind == GNSS:
             sample = tables.gnss[row : row + 1]
@@ -221,9 +122,9 @@ def fly(state: Rows, params: Rows, course: Rows, velocities: Array, paths: Array
     for i in range(course.size):
         kind, time_us, value = course[i].kind, course[i].time_us, course[i].value
         if kind == IMU:
-            s.acceleration_mps2, imu_us = value, time_us
+            s.inputs.acceleration_mps2, imu_us = value, time_us
         elif time_us - imu_us > IMU_TIMEOUT_US:
-            s.acceleration_mps2 = math.nan
+            s.inputs.acceleration_mps2 = math.nan
         if s.running == 1:
             before = s.v
             advance(state, time_us)
@@ -293,6 +194,7 @@ class Flight:
         note_inputs(state, params, log.tables, estimate, course, np.ascontiguousarray(noted))
         self.course = _checked(course[_last_boot(log) :])
         fixes = self.course[self.course["kind"] == GNSS]
+        self._params = params.copy()
         self._times_us = np.ascontiguousarray(fixes["time_us"])
         self._reference = np.ascontiguousarray(fixes["value"])
         self._windows = _windows(self._times_us)
@@ -302,7 +204,7 @@ class Flight:
         """(7) as a mean, (m/s)^2; infinite for gains that are unstable."""
         if not is_stable(*gains):
             return math.inf
-        params = rows(damping_loop.PARAMS)
+        params = self._params
         params["poles"], params["baro_alone_poles"] = poles(*gains), poles(*damping_loop.BARO_ALONE)
         fly(damping_loop.init(params), params, self.course, self._velocities, self._paths)
         if self.has_velocity:

@@ -29,26 +29,18 @@ Array = NDArray[Any]
 
 IBI, IIG = 0, 1
 """Integrated baro-inertial altimeter, integrated inertial-GPS altimeter."""
+IBIG, RECOMMENDED = 2, 3
+"""Both fused; whichever the fault isolation recommends."""
 STATES = 5
 R_0_M = 6_378_150.0
 G_MPS2 = 9.81
 NORMAL_SIGMAS = 3.0
 """What normal operation means in (32)."""
 
-MODEL_FIELDS: tuple[tuple[str, str], ...] = (
-    ("T_d", "f8"),  # s
-    ("beta_g", "f8"),  # 1/s
-    ("beta", "f8"),  # 1/s, of the barometer's bias
-    ("sigma_g", "f8"),  # of U_Delta_g
-    ("sigma_UB", "f8"),
-    ("H", "f8"),  # flight altitude, m
-)
-"""What a params dtype holds for `extrapolate`; alpha and sigma_a are its arguments."""
-
 
 @step
 def transit(v: Array, T: float, alpha: float, params: Rows) -> None:
-    """v = phi v (11), in place."""
+    """v = phi v (11), in place. `params` has beta_g, beta and the flight altitude H."""
     p = params[0]
     height, climb = v[0], v[1]
     v[0] = height + T * climb

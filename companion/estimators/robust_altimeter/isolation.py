@@ -1,5 +1,5 @@
-"""Which of two integrated altimeters is at fault, and the datum that the healthy ones share
-(`integrated_altimeters`).
+"""Isolation of faults between two integrated altimeters, and the datum that the healthy ones share
+(`companion.estimators.robust_altimeter.altimeters`).
 
 An altimeter is in doubt when prob(1/i), averaged over a few seconds, is below 0.5, and until the
 two agree again. When they part after one has jumped it is that one, when they part fast it is the
@@ -9,11 +9,12 @@ doubt.
 """
 
 import math
-from typing import Any
+
+import numpy as np
 
 from companion.estimators.robust_altimeter.error_model import IBI, IIG
 from companion.jit import step
-from companion.samples import Rows
+from companion.samples import Record, Rows
 
 DOUBT_S = 60.0
 """An altimeter that still disagrees after this time is believed: the difference is a new datum."""
@@ -35,104 +36,114 @@ NOBODY = -1
 TRUST_IBIG, TRUST_IBI, TRUST_IIG, TRUST_NEITHER = 0, 1, 2, 3
 """Neither is both doubts added: then the fused one again, as the paper has it."""
 
-ISOLATION_FIELDS: tuple[tuple[Any, ...], ...] = (
-    ("doubt_s", "f8", (2,)),  # for how long the altimeter stays in doubt
-    ("apart_s", "f8"),  # for how long the altimeters have been apart
-    ("suspect", "i8"),  # which of them had jumped then
-    ("trust", "i8"),  # TRUST_IBIG ...
-    ("trust_us", "i8"),  # since when
-    ("reference_m", "f8"),  # barometer less altitude
-    ("reference_age_s", "f8"),
-    ("reference_at_m", "f8"),  # height at which it was found
+ISOLATION = np.dtype(
+    [
+        ("doubt_s", "f8", (2,)),  # for how long the altimeter stays in doubt
+        ("apart_s", "f8"),  # for how long the altimeters have been apart
+        ("suspect", "i8"),  # which of them had jumped then
+        ("trust", "i8"),  # TRUST_IBIG ...
+        ("trust_us", "i8"),  # since when
+    ],
+    align=True,
 )
-"""The state fields of this component; it also reads the altimeters' own."""
+"""The record of the fault isolation."""
+
+DATUM = np.dtype(
+    [
+        ("offset_m", "f8"),  # barometer less altitude, NaN unknown
+        ("age_s", "f8"),
+        ("at_m", "f8"),  # height at which it was found
+    ],
+    align=True,
+)
+"""The record of the barometer's datum."""
 
 
 @step
-def isolation_start(state: Rows) -> None:
+def isolation_start(pair: Record) -> None:
     """No doubt, no datum."""
-    s = state[0]
-    s.apart_s = 0.0
-    s.suspect = NOBODY
-    s.trust = TRUST_IBIG
-    s.trust_us = -1
-    s.reference_m = math.nan
-    s.reference_age_s = 0.0
-    s.reference_at_m = math.nan
+    pair.isolation.apart_s = 0.0
+    pair.isolation.suspect = NOBODY
+    pair.isolation.trust = TRUST_IBIG
+    pair.isolation.trust_us = -1
+    pair.datum.offset_m = math.nan
+    pair.datum.age_s = 0.0
+    pair.datum.at_m = math.nan
 
 
 @step
-def expected_apart_m(state: Rows) -> float:
+def expected_apart_m(pair: Record) -> float:
     """Spread of the difference of the two altimeters while both are healthy."""
-    s = state[0]
     return math.sqrt(
-        s.P[IBI, 0, 0] + s.P[IIG, 0, 0] + CORRELATED_SHARE * s.sigma_gps_m * s.sigma_gps_m
+        pair.P[IBI, 0, 0]
+        + pair.P[IIG, 0, 0]
+        + CORRELATED_SHARE * pair.sigma_gps_m * pair.sigma_gps_m
     )
 
 
 @step
-def isolate(state: Rows, T: float) -> None:
+def isolate(pair: Record, now_us: int, T: float) -> None:
     """Which altimeter to trust, as the paper's conclusions recommend."""
-    s = state[0]
     sigmas = 0.0
-    if s.runs[IBI] == 1 and s.runs[IIG] == 1:
-        sigmas = abs(s.height_m[IBI] - s.height_m[IIG]) / expected_apart_m(state)
+    if pair.runs[IBI] == 1 and pair.runs[IIG] == 1:
+        sigmas = abs(pair.height_m[IBI] - pair.height_m[IIG]) / expected_apart_m(pair)
     apart = sigmas > APART_SIGMAS
     for k in range(2):
-        doubted = s.doubt_s[k] > 0.0
-        if s.normal[k] < 0.5:
-            s.doubt_s[k] = DOUBT_S
+        doubted = pair.isolation.doubt_s[k] > 0.0
+        if pair.normal[k] < 0.5:
+            pair.isolation.doubt_s[k] = DOUBT_S
         else:
-            s.doubt_s[k] = max(0.0, s.doubt_s[k] - T) if apart else 0.0
-        if doubted and apart and s.doubt_s[k] == 0.0:
-            s.reference_age_s = 0.0  # it stays apart: a new datum
-    part(state, T, sigmas)
-    before = s.trust
-    s.trust = (TRUST_IIG if s.doubt_s[IBI] > 0.0 else 0) + (
-        TRUST_IBI if s.doubt_s[IIG] > 0.0 else 0
+            pair.isolation.doubt_s[k] = max(0.0, pair.isolation.doubt_s[k] - T) if apart else 0.0
+        if doubted and apart and pair.isolation.doubt_s[k] == 0.0:
+            pair.datum.age_s = 0.0  # it stays apart: a new datum
+    part(pair, T, sigmas)
+    before = pair.isolation.trust
+    pair.isolation.trust = (TRUST_IIG if pair.isolation.doubt_s[IBI] > 0.0 else 0) + (
+        TRUST_IBI if pair.isolation.doubt_s[IIG] > 0.0 else 0
     )
-    if s.trust != before:
-        s.trust_us = s.now_us
+    if pair.isolation.trust != before:
+        pair.isolation.trust_us = now_us
 
 
 @step
-def part(state: Rows, T: float, sigmas: float) -> None:
+def part(pair: Record, T: float, sigmas: float) -> None:
     """Two altimeters that part without an alarm: a fault if one had jumped or it goes fast, else
     weather.
 
     Weather, and a datum that is too young to be evidence, is followed at once.
     """
-    s = state[0]
-    alarmed = s.doubt_s[IBI] > 0.0 or s.doubt_s[IIG] > 0.0
-    if s.apart_s == 0.0:
-        jumped = IIG if s.normal[IIG] < s.normal[IBI] else IBI
-        s.suspect = jumped if s.normal[jumped] < JUMP_NORMAL else NOBODY
-    s.apart_s = (
-        s.apart_s + T if sigmas > DRIFT_SIGMAS and not alarmed and s.reference_age_s > 0.0 else 0.0
+    alarmed = pair.isolation.doubt_s[IBI] > 0.0 or pair.isolation.doubt_s[IIG] > 0.0
+    if pair.isolation.apart_s == 0.0:
+        jumped = IIG if pair.normal[IIG] < pair.normal[IBI] else IBI
+        pair.isolation.suspect = jumped if pair.normal[jumped] < JUMP_NORMAL else NOBODY
+    pair.isolation.apart_s = (
+        pair.isolation.apart_s + T
+        if sigmas > DRIFT_SIGMAS and not alarmed and pair.datum.age_s > 0.0
+        else 0.0
     )
-    if s.apart_s >= APART_S:
-        if s.suspect == NOBODY and sigmas > FAST_SIGMAS:
-            s.suspect = IBI
-        if s.reference_age_s > YOUNG_S and s.suspect != NOBODY:
-            s.doubt_s[s.suspect] = DOUBT_S
+    if pair.isolation.apart_s >= APART_S:
+        if pair.isolation.suspect == NOBODY and sigmas > FAST_SIGMAS:
+            pair.isolation.suspect = IBI
+        if pair.datum.age_s > YOUNG_S and pair.isolation.suspect != NOBODY:
+            pair.isolation.doubt_s[pair.isolation.suspect] = DOUBT_S
         else:
-            s.reference_age_s = 0.0
-        s.apart_s = 0.0
+            pair.datum.age_s = 0.0
+        pair.isolation.apart_s = 0.0
 
 
 @step
-def align_datum(state: Rows, params: Rows, T: float) -> None:
+def align_datum(pair: Record, params: Rows, T: float) -> None:
     """Bring the datum of the barometer, and IBI with it, nearer to that of IIG.
 
     Once it is known, a difference beyond one sigma counts the less the larger it is: it may be a
     fault.
     """
-    s, p = state[0], params[0]
-    apart = s.height_m[IBI] - s.height_m[IIG]
-    gain = T / (T + min(s.reference_age_s, p.reference_s))
-    if s.reference_age_s > SETTLE_S:
-        gain *= min(1.0, (expected_apart_m(state) / apart) ** 2) if apart != 0.0 else 1.0
-    s.reference_age_s += T
-    s.reference_m += gain * apart
-    s.height_m[IBI] -= gain * apart
-    s.reference_at_m += gain * (s.height_m[IIG] - s.reference_at_m)
+    p = params[0]
+    apart = pair.height_m[IBI] - pair.height_m[IIG]
+    gain = T / (T + min(pair.datum.age_s, p.reference_s))
+    if pair.datum.age_s > SETTLE_S:
+        gain *= min(1.0, (expected_apart_m(pair) / apart) ** 2) if apart != 0.0 else 1.0
+    pair.datum.age_s += T
+    pair.datum.offset_m += gain * apart
+    pair.height_m[IBI] -= gain * apart
+    pair.datum.at_m += gain * (pair.height_m[IIG] - pair.datum.at_m)

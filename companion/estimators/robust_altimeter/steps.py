@@ -2,8 +2,7 @@
 
 A. Mañero Contreras, C. Hajiyev, "Robust Kalman Filter-Based Fault-Tolerant Integrated
 Baro-Inertial-GPS Altimeter",
-2019. Its equations are in `vertical_error`, its altimeters in `integrated_altimeters` and
-      `fault_isolation`. Letters:
+2019. Its equations are in `error_model`, its altimeters in `altimeters` and `isolation`. Letters:
 
 ==================  ======================  ===========================================================================
 H_I                 ``height_m[k]``         height of the mechanised vertical channel of altimeter k: IBI 0, IIG 1
@@ -68,13 +67,7 @@ gain. Preset ``paper`` on a small IMU: it believes an accelerometer that is wron
 """
 
 import math
-from typing import Annotated, Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-from pydantic import Field
-
-from companion.config import Settings
 from companion.estimators.judging import (
     ATTITUDE,
     GNSS,
@@ -95,9 +88,8 @@ from companion.estimators.judging import (
 )
 from companion.estimators.method import Method
 from companion.estimators.robust_altimeter.altimeters import (
-    ALTIMETER_FIELDS,
-    ALTIMETER_PARAMS,
     FRESH_US,
+    PAIR,
     advance,
     altimeters_start,
     begin,
@@ -107,13 +99,13 @@ from companion.estimators.robust_altimeter.altimeters import (
     lost,
     switch,
 )
-from companion.estimators.robust_altimeter.error_model import IBI, IIG, share
+from companion.estimators.robust_altimeter.error_model import IBI, IIG
 from companion.estimators.robust_altimeter.isolation import (
-    CORRELATED_SHARE,
     TRUST_IBI,
     TRUST_IIG,
-    expected_apart_m,
 )
+from companion.estimators.robust_altimeter.publication import fuse, ibi_weight, spread_m
+from companion.estimators.robust_altimeter.settings import RobustAltimeterSettings
 from companion.jit import step
 from companion.kernels.atmosphere import baro_altitude_m
 from companion.kernels.attitude import (
@@ -131,97 +123,15 @@ from companion.samples import FaultySensor, Kind, Rows, Tables, readable, rows
 
 LOWEST_PA, HIGHEST_PA = 1_000.0, 120_000.0
 IMU_TIMEOUT_US = 500_000
-COLUMN_ERROR = 0.035
-"""Of a height gained: the air's temperature is off by 10 K of 288."""
 
-IBIG, RECOMMENDED = 2, 3
 BAROMETER, RECEIVER = int(FaultySensor.BAROMETER), int(FaultySensor.GNSS)
-PUBLISH = {"ibi": IBI, "iig": IIG, "ibig": IBIG, "recommended": RECOMMENDED}
 
 STATE = state_dtype(
     ("attitude", ATTITUDE_STATE),
-    *ALTIMETER_FIELDS,
+    ("pair", PAIR),
     ("baro_m", "f8"),  # newest barometer height
     ("innovation_m", "f8"),  # newest GNSS height less the predicted one
 )
-
-PARAMS = np.dtype(
-    [
-        *ALTIMETER_PARAMS,
-        ("weather_mps", "f8"),
-        ("publish", "i8"),
-        ("use_attitude", "i8"),
-    ],
-    align=True,
-)
-
-PAPER = {"sigma_a": 2e-5, "P_a": 1e-6, "reacquire_s": 120.0}
-TUNED = {"sigma_a": 0.037, "P_a": 0.01, "reacquire_s": 10.0}
-"""sigma_a: the variance 0.1^2 with a time constant of 30 s has the noise density 2 0.1^2 / 30 = T_d
-sigma_a^2."""
-MANOEUVRE_MPS2, MANOEUVRE_S = 2.0, 2.0
-"""Acceleration of a vehicle that nobody measures, and for how long it stays the same: a climb of 4
-m/s begins."""
-BLIND_PATIENCE_S = 0.1
-"""``reacquire_s`` without an IMU: one iteration is refused, not two in a row."""
-
-
-Patience = Annotated[float, Field(gt=0, le=3600)]
-
-
-class RobustAltimeterSettings(Settings):
-    """Section ``estimators.robust-altimeter``."""
-
-    preset: Literal["tuned", "paper"] = "tuned"
-    """inertial errors of a small IMU, or those of the paper's navigation-grade one"""
-    gain: Literal["robust", "optimal"] = "robust"
-    """weigh a measurement by its probability of being normal, or not"""
-    publish: Literal["ibig", "ibi", "iig", "recommended"] = "ibig"
-    """both altimeters fused, the one by barometer, the one by GNSS, or whichever fault isolation
-    recommends"""
-    use_attitude: bool = True
-    """take the autopilot's roll and pitch while they agree with our own"""
-    reacquire_s: Patience | Literal["preset", "never"] = "preset"
-    """how long a measurement may be refused: 10 s in preset tuned, 120 s in paper; never is the
-    paper's filter"""
-    reference_s: float = Field(300.0, gt=0, le=1e6)
-    """over how long the barometer's datum is averaged"""
-    gnss_sd_floor_m: float = Field(2.23, gt=0, le=100)
-    """a claimed spread below this is not believed"""
-    gnss_sd_unknown_m: float = Field(13.0, gt=0, le=1000)
-    """spread of a receiver that claims nothing"""
-    pressure_drift_mps: float = Field(0.003, ge=0, le=10)
-    """how fast weather moves the pressure level: 10 m an hour is usual, 30 a front"""
-
-    def params(self) -> Rows:
-        row = rows(PARAMS)
-        preset = PAPER if self.preset == "paper" else TUNED
-        row["T_d"], row["beta_g"], row["beta"], row["H"] = 0.5, 0.005, 0.01, 1000.0
-        row["sigma_g"], row["sigma_UB"] = 2e-5, 0.2
-        row["alpha"] = 1.0 / MANOEUVRE_S, 0.001
-        row["sigma_a"] = (
-            math.sqrt(2.0 * MANOEUVRE_MPS2**2 / MANOEUVRE_S / row["T_d"][0]),
-            preset["sigma_a"],
-        )
-        row["P_a"] = MANOEUVRE_MPS2**2, preset["P_a"]
-        row["rows_H"] = ((1.0, 0.0, 0.0, 0.0, -1.0), (1.0, 0.0, 0.0, 0.0, 0.0))
-        row["sigma_INS"], row["sigma_B"], row["sigma_GPS"] = 3.0, 1.0, self.gnss_sd_floor_m
-        row["sigma_GPS_unknown"] = self.gnss_sd_unknown_m
-        row["P_W"], row["P_g"] = 25.0, 1e-6
-        chosen = self.reacquire_s
-        reacquire_s = (
-            preset["reacquire_s"]
-            if chosen == "preset"
-            else math.inf
-            if chosen == "never"
-            else chosen
-        )
-        row["reacquire_s"] = BLIND_PATIENCE_S, reacquire_s
-        row["blame_imu"] = chosen != "never"
-        row["reference_s"], row["weather_mps"] = self.reference_s, self.pressure_drift_mps
-        row["robust"], row["publish"] = self.gain == "robust", PUBLISH[self.publish]
-        row["use_attitude"] = self.use_attitude
-        return row
 
 
 def init(params: Rows) -> Rows:
@@ -234,11 +144,12 @@ def init(params: Rows) -> Rows:
 @step
 def start(state: Rows) -> None:
     """Forget everything but the counters."""
+    s = state[0]
     reset(state)
-    attitude_start(state[0].attitude)
-    altimeters_start(state)
-    state[0].baro_m = math.nan
-    state[0].innovation_m = math.nan
+    attitude_start(s.attitude)
+    altimeters_start(s.pair)
+    s.baro_m = math.nan
+    s.innovation_m = math.nan
 
 
 @step
@@ -246,18 +157,21 @@ def listen(state: Rows, params: Rows, time_us: int) -> float:
     """Before a height is taken in: mechanise without an IMU if it is silent; the iteration that
     begins, or 0."""
     s = state[0]
-    if s.inertial == 1 and s.now_us - s.attitude.time_us > IMU_TIMEOUT_US:
-        switch(state, params, 0)
-    if s.inertial == 0:
-        advance(state, time_us, 0.0)
-    return extrapolate_errors(state, params)
+    if s.pair.inertial == 1 and s.now_us - s.attitude.time_us > IMU_TIMEOUT_US:
+        switch(s.pair, params, 0)
+    if s.pair.inertial == 0:
+        advance(s.pair, time_us, 0.0)
+    return extrapolate_errors(s.pair, params, s.now_us)
 
 
 @step
 def answer(state: Rows, params: Rows, T: float, estimate: Rows) -> None:
     """After a sample: end the iteration, if one began, and publish."""
+    s = state[0]
     if T > 0.0:
-        correct_errors(state, params, T)
+        heard_us = min(s.last_us[PRESSURE, 0], s.last_us[GNSS, 0])
+        aligns = heard_us > max(0, s.now_us - FRESH_US)
+        correct_errors(s.pair, params, s.now_us, T, aligns)
     write_estimate(state, params, estimate)
 
 
@@ -271,18 +185,18 @@ def on_imu(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     if verdict != USED:
         return tally(state, IMU, verdict)
     place(state, IMU, 0, sample[0].time_us)
-    attitude_imu(state[0].attitude, sample)
-    up = up_acceleration_mps2(state[0].attitude, sample)
+    attitude_imu(s.attitude, sample)
+    up = up_acceleration_mps2(s.attitude, sample)
     if math.isnan(up):
-        switch(state, params, 0)
-        return tally(state, IMU, USED if imu_can_be_integrated(state[0].attitude) else IGNORED)
-    if s.inertial == 0:
-        advance(state, sample[0].time_us, 0.0)
-        switch(state, params, 1)
+        switch(s.pair, params, 0)
+        return tally(state, IMU, USED if imu_can_be_integrated(s.attitude) else IGNORED)
+    if s.pair.inertial == 0:
+        advance(s.pair, sample[0].time_us, 0.0)
+        switch(s.pair, params, 1)
     else:
-        advance(state, sample[0].time_us, 0.5 * (s.up_mps2 + up))
-    s.up_mps2 = up
-    answer(state, params, extrapolate_errors(state, params), estimate)
+        advance(s.pair, sample[0].time_us, 0.5 * (s.pair.up_mps2 + up))
+    s.pair.up_mps2 = up
+    answer(state, params, extrapolate_errors(s.pair, params, s.now_us), estimate)
     return tally(state, IMU, USED)
 
 
@@ -299,21 +213,21 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     place(state, PRESSURE, 0, time_us)
     T = listen(state, params, time_us)
     s.baro_m = baro_altitude_m(sample[0].pressure_pa)
-    since_s = (time_us - s.ins_us) * 1e-6
+    since_s = (time_us - s.pair.ins_us) * 1e-6
     if (
-        math.isnan(s.reference_m)
-        and not lost(state, IIG)
+        math.isnan(s.pair.datum.offset_m)
+        and not lost(s.pair, IIG)
         and time_us - s.last_us[GNSS, 0] < FRESH_US
     ):
-        s.reference_at_m = s.height_m[IIG] + since_s * s.climb_mps[IIG]
-        s.reference_m = s.baro_m - s.reference_at_m
-    if not math.isnan(s.reference_m):
-        altitude_m = s.baro_m - s.reference_m
-        if lost(state, IBI):
-            begin(state, params, IBI, altitude_m)
+        s.pair.datum.at_m = s.pair.height_m[IIG] + since_s * s.pair.climb_mps[IIG]
+        s.pair.datum.offset_m = s.baro_m - s.pair.datum.at_m
+    if not math.isnan(s.pair.datum.offset_m):
+        altitude_m = s.baro_m - s.pair.datum.offset_m
+        if lost(s.pair, IBI):
+            begin(s.pair, params, IBI, altitude_m)
         else:
-            Z = s.height_m[IBI] + since_s * s.climb_mps[IBI] - altitude_m
-            verdict = gather(state, params, IBI, Z)
+            Z = s.pair.height_m[IBI] + since_s * s.pair.climb_mps[IBI] - altitude_m
+            verdict = gather(s.pair, params, IBI, Z)
     answer(state, params, T, estimate)
     return tally(state, PRESSURE, verdict)
 
@@ -329,17 +243,19 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         return tally(state, GNSS, verdict)
     time_us = sample[0].time_us
     place(state, GNSS, 0, time_us)
-    attitude_gnss(state[0].attitude, sample)
+    attitude_gnss(s.attitude, sample)
     T = listen(state, params, time_us)
-    s.sigma_gps_m = gnss_sd_m(sample, p.sigma_GPS, p.sigma_GPS_unknown)
-    if lost(state, IIG):
-        begin(state, params, IIG, sample[0].altitude_amsl_m)
+    s.pair.sigma_gps_m = gnss_sd_m(sample, p.sigma_GPS, p.sigma_GPS_unknown)
+    if lost(s.pair, IIG):
+        begin(s.pair, params, IIG, sample[0].altitude_amsl_m)
     else:
-        height_m = at(s.iig_us, s.iig_values, time_us, FRESH_US)
+        height_m = at(s.pair.iig_us, s.pair.iig_values, time_us, FRESH_US)
         if math.isnan(height_m):
-            height_m = s.height_m[IIG] + (time_us - s.ins_us) * 1e-6 * s.climb_mps[IIG]
+            height_m = (
+                s.pair.height_m[IIG] + (time_us - s.pair.ins_us) * 1e-6 * s.pair.climb_mps[IIG]
+            )
         s.innovation_m = sample[0].altitude_amsl_m - height_m
-        verdict = gather(state, params, IIG, -s.innovation_m)
+        verdict = gather(s.pair, params, IIG, -s.innovation_m)
     answer(state, params, T, estimate)
     return tally(state, GNSS, verdict)
 
@@ -366,76 +282,32 @@ def on_status(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
 
 
 @step
-def ibi_weight(state: Rows, params: Rows) -> float:
-    """Share of IBI in what is published: that of (19), or all, or nothing; NaN when there is
-    nothing to publish."""
-    s, publish = state[0], params[0].publish
-    if publish == RECOMMENDED:
-        publish = IBI if s.trust == TRUST_IBI else IIG if s.trust == TRUST_IIG else IBIG
-    has_ibi, has_iig = not lost(state, IBI), not lost(state, IIG)
-    if publish == IBIG and has_ibi and has_iig:
-        return share(s.P[IBI], s.P[IIG])
-    if publish != IIG and has_ibi:
-        return 1.0
-    if publish != IBI and has_iig:
-        return 0.0
-    return math.nan
-
-
-@step
-def spread_m(state: Rows, params: Rows, ibi: float) -> float:
-    """Error to expect: P, what GNSS and the datum have in common for minutes, the datum's age, and
-    the disagreement.
-
-    Where the two altimeters are further apart than these explain, one of them is wrong, and nobody
-    knows which.
-    """
-    s, p = state[0], params[0]
-    iig, shared = 1.0 - ibi, CORRELATED_SHARE * s.sigma_gps_m * s.sigma_gps_m
-    weather = p.weather_mps * (
-        min(s.reference_age_s, p.reference_s) + (s.now_us - s.last_us[GNSS, 0]) * 1e-6
-    )
-    variance, apart2 = shared, 0.0
-    if ibi > 0.0:
-        column = COLUMN_ERROR * (s.height_m[IBI] - s.reference_at_m)
-        variance += ibi * ibi * (s.P[IBI, 0, 0] + weather * weather + column * column)
-    if iig > 0.0:
-        variance += iig * iig * s.P[IIG, 0, 0]
-    if s.runs[IBI] == 1 and s.runs[IIG] == 1:
-        apart = s.height_m[IBI] - s.height_m[IIG]
-        apart2 = max(0.0, apart * apart - expected_apart_m(state) * expected_apart_m(state))
-    return math.sqrt(variance + max(ibi * ibi, iig * iig) * apart2)
-
-
-@step
-def fuse(ibi: float, values: NDArray[Any]) -> float:
-    """A quantity of the two altimeters by the weight of the first; the one that counts nothing may
-    be NaN."""
-    if ibi == 1.0:
-        return values[IBI]
-    if ibi == 0.0:
-        return values[IIG]
-    return ibi * values[IBI] + (1.0 - ibi) * values[IIG]
-
-
-@step
 def write_estimate(state: Rows, params: Rows, estimate: Rows) -> None:
     """The published altimeter (19), (21)."""
     s = state[0]
-    ibi = ibi_weight(state, params)
+    ibi = ibi_weight(s.pair, params)
     if math.isnan(ibi):
         return
-    estimate[0].time_us = s.ins_us
-    estimate[0].altitude_amsl_m = fuse(ibi, s.height_m)
-    estimate[0].climb_mps = fuse(ibi, s.climb_mps)
-    estimate[0].altitude_sd_m = spread_m(state, params, ibi)
-    estimate[0].climb_sd_mps = math.sqrt(ibi * s.P[IBI, 1, 1] + (1.0 - ibi) * s.P[IIG, 1, 1])
+    since_gnss_s = (s.now_us - s.last_us[GNSS, 0]) * 1e-6
+    estimate[0].time_us = s.pair.ins_us
+    estimate[0].altitude_amsl_m = fuse(ibi, s.pair.height_m)
+    estimate[0].climb_mps = fuse(ibi, s.pair.climb_mps)
+    estimate[0].altitude_sd_m = spread_m(s.pair, params, ibi, since_gnss_s)
+    estimate[0].climb_sd_mps = math.sqrt(
+        ibi * s.pair.P[IBI, 1, 1] + (1.0 - ibi) * s.pair.P[IIG, 1, 1]
+    )
     estimate[0].baro_offset_m = estimate[0].altitude_amsl_m - s.baro_m
     estimate[0].innovation_m = s.innovation_m
     estimate[0].faulty = (
-        BAROMETER if s.trust == TRUST_IIG else RECEIVER if s.trust == TRUST_IBI else 0
+        BAROMETER
+        if s.pair.isolation.trust == TRUST_IIG
+        else RECEIVER
+        if s.pair.isolation.trust == TRUST_IBI
+        else 0
     )
-    estimate[0].faulty_since_us = s.trust_us if s.trust in (TRUST_IBI, TRUST_IIG) else 0
+    estimate[0].faulty_since_us = (
+        s.pair.isolation.trust_us if s.pair.isolation.trust in (TRUST_IBI, TRUST_IIG) else 0
+    )
 
 
 @step

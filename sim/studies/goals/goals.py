@@ -102,6 +102,83 @@ _GOALS = (
         "cost of an IMU sample in the compiled loop; checkpoint",
         "<= 2.5 us; < 64 KiB",
     ),
+    Goal(
+        "real-ratio",
+        "real",
+        "real flights: RMSE / raw GNSS, mean over flights and errors at every IMU rate; worst cell",
+        "<= .75; <= 1.1",
+    ),
+    Goal(
+        "real-max",
+        "real",
+        "real flights: largest error / that of raw GNSS, mean; worst cell",
+        "<= 1.2; <= 2",
+    ),
+    Goal("real-nees", "real", "real flights: NEES over the errors laid on", ".7 to 1.4"),
+    Goal(
+        "real-takeoff",
+        "real",
+        "real flights, field elevation known to 1 m: height above take-off",
+        "RMSE <= 3.0 m",
+    ),
+    Goal(
+        "real-sent",
+        "real",
+        "real flights without a fault: ALTITUDE sent; sent and > 50 m wrong",
+        ">= 98 % of the slots; none",
+    ),
+    Goal(
+        "real-health",
+        "real",
+        "real flights: OK although the error is beyond 4 standard deviations",
+        "never longer than 5 s",
+    ),
+    Goal(
+        "real-level",
+        "real",
+        "real flights: protection level; share of ALTITUDE beyond it",
+        "median <= 13 m; <= 1e-3",
+    ),
+    Goal(
+        "real-cost", "real", "real flights at 50 Hz: cost of the compiled loop", "<= 4 us a sample"
+    ),
+    Goal(
+        "real-rtk",
+        "real",
+        "recorded RTK receiver: RMSE / that of the receiver; RMSE / spread; level",
+        "<= 1.5; .5 to 2; < .5 m",
+    ),
+    Goal(
+        "real-gnss-step",
+        "real",
+        "GNSS step >= 30 m on real flights: named; published error; back after it; 10 minutes",
+        "<= 1 s; <= 15 m; <= 2 s; stays out",
+    ),
+    Goal(
+        "real-gnss-ramp",
+        "real",
+        "GNSS ramps on real flights",
+        "2 m/s named <= 12 s, error <= 12 m; 1 m/s 40 s, 25 m; .5, .3 m/s silent before 50 m",
+    ),
+    Goal(
+        "real-baro-step",
+        "real",
+        "barometer step of 15 m, frozen barometer on real flights: named; published error",
+        "<= .5 s; <= 10 m",
+    ),
+    Goal(
+        "real-baro-blind",
+        "real",
+        "barometer moves 50, 300 m without GNSS on real flights: published error",
+        "<= 15 m or silent",
+    ),
+    Goal(
+        "real-return",
+        "real",
+        "first ALTITUDE after an outage, gap, short contact, restart",
+        "<= 5 s",
+    ),
+    Goal("real-outage", "real", "NEES of outages of 60 to 600 s on real flights", "<= 1.5"),
 )
 
 GOALS: dict[str, Goal] = {goal.key: goal for goal in _GOALS}

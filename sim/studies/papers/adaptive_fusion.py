@@ -38,7 +38,7 @@ from companion.kernels.atmosphere import geopotential_m, standard_pressure_pa
 from companion.samples import Kind, Rows, SampleLog, sample
 from sim.studies.page import BARO, BOUND, FUSED, GNSS, OTHER, Spread, Value, generators, spread
 from sim.studies.papers import Progress
-from sim.studies.papers.page import Page, Row, Verdict, compare, holds
+from sim.studies.papers.page import Match, Page, Row, compare, holds
 
 Array = NDArray[np.float64]
 Gain = Literal["adaptive", "fixed"]
@@ -89,7 +89,7 @@ DRIFT = drifting("drift, k the pressure", PRESSURE_KPA)
 LITERAL = drifting("drift, k the iteration", np.arange(1.0, PRESSURE_KPA.size + 1))
 
 
-class Stream:
+class VehicleRows:
     """The rows that a vehicle would send, made once and filled for each run."""
 
     def __init__(self) -> None:
@@ -139,7 +139,7 @@ class Run:
         )
 
 
-def run_case(stream: Stream, case: Case, noise: Array) -> Run:
+def run_case(stream: VehicleRows, case: Case, noise: Array) -> Run:
     """Both filters on one draw of `noise`: standard normal, shape (2, steps), barometer and GPS
     (32)-(33)."""
     baro_m = case.baro_m + math.sqrt(R_B) * noise[0]
@@ -190,7 +190,7 @@ class Tally:
 
 def monte_carlo(seeds: int) -> Iterator[tuple[Run, Run, Run]]:
     """Runs of the three cases on the same noise, one triple a seed."""
-    stream = Stream()
+    stream = VehicleRows()
     for generator in generators("H", seeds):
         noise = generator.standard_normal((2, PRESSURE_KPA.size))
         yield (
@@ -292,7 +292,7 @@ def _nominal_rows(nominal: Tally) -> list[Row]:
             "share of steps with S < 0, (31) as printed",
             None,
             spread(nominal.negative),
-            Verdict.DOES_NOT,
+            Match.DOES_NOT,
             where="(31)",
             note="without the condition (28), S is negative whenever the sensors agree within 13 m; K has a pole at a "
             "residual of 0. S = max(1, .) is meant",
@@ -311,7 +311,7 @@ def _table_1_rows(drift: Tally, literal: Tally) -> list[Row]:
                 f"P at iteration {iteration}",
                 printed,
                 (spread(drift.variance_m2[iteration]), spread(literal.variance_m2[iteration])),
-                Verdict.ONLY_UNDER if abs(away_sd) < 2.0 else Verdict.DOES_NOT,
+                Match.ONLY_UNDER if abs(away_sd) < 2.0 else Match.DOES_NOT,
                 "m²",
                 note=f"needs a residual of {needed_m:.1f} m: {away_sd:+.1f} sd from the drift's {bias_m:.1f} m with k "
                 f"in kPa; with k the iteration the drift is {abs(LITERAL.bias_m[iteration - 1]):.0f} m",

@@ -22,7 +22,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.estimators.air_data_gnss import METHOD, AirDataGnssSettings
+from companion.estimators.air_data_gnss import METHOD
+from companion.estimators.air_data_gnss.settings import AirDataGnssSettings
 from companion.estimators.method import Filter, run_log
 from companion.kernels.atmosphere import (
     G0_MPS2,
@@ -49,7 +50,7 @@ from sim.studies.page import (
     spread,
 )
 from sim.studies.papers import Progress
-from sim.studies.papers.page import Page, Row, Verdict, compare, holds
+from sim.studies.papers.page import Match, Page, Row, compare, holds
 
 Array = NDArray[np.float64]
 Law = Literal["exact", "linear", "printed"]
@@ -156,7 +157,7 @@ class Run:
     """of a and b at the end"""
 
 
-class Stream:
+class VehicleRows:
     """The rows that a vehicle would send, made once and filled for each run."""
 
     def __init__(self, gps_every: int = GPS_EVERY, steps: int = STEPS) -> None:
@@ -185,11 +186,11 @@ class Stream:
         based = settings.model_copy(update={"reference_height_m": base_m})
         estimates, _, state = run_log(METHOD, self.log, based)
         cycles = estimates[self._ends]
-        error = state["error"][0] - data.final
+        error = state["error"]["x"][0] - data.final
         return Run(
             cycles["altitude_amsl_m"] - base_m - HEIGHT_M,
             data.baro_m + cycles["baro_offset_m"] - HEIGHT_M,
-            float(error @ np.linalg.solve(state["P_error"][0], error)),
+            float(error @ np.linalg.solve(state["error"]["P"][0], error)),
         )
 
 
@@ -257,7 +258,7 @@ def normalised_errors(covariance: Literal["joint", "marginal"], seeds: int) -> A
         preset="paper", covariance=covariance, temperature="none",
         scale_walk_per_second=q_a / 0.2, bias_walk_m2ps=q_b / 0.2, scale_sd=0.02,
     )  # fmt: skip
-    stream, height_m = Stream(), 1000.0 + 6.0 * HEIGHT_M
+    stream, height_m = VehicleRows(), 1000.0 + 6.0 * HEIGHT_M
     nees = []
     for rng in generators("W", seeds):
         a = 0.02 * rng.normal() + np.cumsum(math.sqrt(q_a) * rng.normal(size=STEPS))
@@ -307,7 +308,7 @@ SPARSE = {"1 s": GPS_EVERY, "10 s": 50, "60 s": 300}
 """Intervals of GPS."""
 
 
-def monte_carlo(reading: str, seeds: int, stream: Stream) -> Figures:
+def monte_carlo(reading: str, seeds: int, stream: VehicleRows) -> Figures:
     """All settings on the same readings, one set a seed."""
     found = Figures()
     for rng in generators("W", seeds):
@@ -324,12 +325,12 @@ def monte_carlo(reading: str, seeds: int, stream: Stream) -> Figures:
 
 def reproduce(seeds: int, out: Path, progress: Progress) -> Page:
     """The page of paper W."""
-    stream, found = Stream(), {}
+    stream, found = VehicleRows(), {}
     for done, reading in enumerate(READINGS):
         progress(0.2 * done, reading)
         found[reading] = monte_carlo(reading, seeds, stream)
     progress(0.6, "sparse GPS")
-    sparse = {name: _sparse(Stream(every), seeds) for name, every in SPARSE.items()}
+    sparse = {name: _sparse(VehicleRows(every), seeds) for name, every in SPARSE.items()}
     progress(0.8, "page")
     page = Page("W", seeds, out)
     page.text(
@@ -348,7 +349,7 @@ def reproduce(seeds: int, out: Path, progress: Progress) -> Page:
     return page
 
 
-def _sparse(stream: Stream, seeds: int) -> Figures:
+def _sparse(stream: VehicleRows, seeds: int) -> Figures:
     found = Figures()
     for rng in generators("W", seeds):
         data = readings(WEATHER, rng)
@@ -399,7 +400,7 @@ def _error_rows(found: dict[str, Figures]) -> list[Row]:
             gps.claim,
             gps.printed,
             gps.ours,
-            Verdict.REPRODUCES if ok else Verdict.DOES_NOT,
+            Match.REPRODUCES if ok else Match.DOES_NOT,
             "m",
             "Fig. 3",
         ),
@@ -423,7 +424,7 @@ def _claim_rows(found: dict[str, Figures], sparse: dict[str, Figures]) -> list[R
               where="sec. 3"),
         holds("filtering improves the compensated height", smoothed, f"final {words}", unit="m", where="sec. 2.4"),
         Row("accurate height, where a barometer alone has large errors", None, f"weather: {weather}, barometer {raw}",
-            Verdict.ONLY_UNDER if better_on_walks and weather.mean > raw.mean else Verdict.REPRODUCES, "m",
+            Match.ONLY_UNDER if better_on_walks and weather.mean > raw.mean else Match.REPRODUCES, "m",
             "abstract, sec. 4", "only when a and b are the random walks of Q: 45 m in a second. Under weather the "
             "correction is noisier than what it corrects"),
         holds("fair accuracy when GPS is rare", rare["60 s"] < 1.2 * rare["1 s"],

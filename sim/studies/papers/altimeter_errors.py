@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.estimators.robust_altimeter import METHOD
 from companion.estimators.robust_altimeter.altimeters import (
     begin,
     correct_errors,
@@ -23,9 +24,9 @@ from companion.estimators.robust_altimeter.altimeters import (
 )
 from companion.estimators.robust_altimeter.error_model import G_MPS2, IBI, IIG, R_0_M, share
 from companion.estimators.robust_altimeter.isolation import TRUST_IBI, TRUST_IIG
-from companion.estimators.robust_altimeter.steps import METHOD, RobustAltimeterSettings
+from companion.estimators.robust_altimeter.settings import RobustAltimeterSettings
 from companion.jit import step
-from companion.samples import Rows
+from companion.samples import Record, Rows
 
 Array = NDArray[np.float64]
 
@@ -49,7 +50,7 @@ class Model:
     sigma_ub: float = 0.1
     robust: bool = False
     reacquire_s: float | None = None
-    blame_imu: bool = False
+    may_doubt_imu: bool = False
     bias_m: float = 20.0
     factor: float = 100.0
     """of the variance of a noisy channel"""
@@ -65,10 +66,10 @@ class Model:
             gain="robust" if self.robust else "optimal",
             reacquire_s="never" if self.reacquire_s is None else self.reacquire_s,
         ).params()
-        row["sigma_a"][0, 1], row["sigma_UB"], row["blame_imu"] = (
+        row["sigma_a"][0, 1], row["sigma_UB"], row["may_doubt_imu"] = (
             self.sigma_a,
             self.sigma_ub,
-            self.blame_imu,
+            self.may_doubt_imu,
         )
         row["P_W"], row["P_a"][0, 1], row["P_g"] = (
             START_SD[1] ** 2,
@@ -121,11 +122,11 @@ def simulate(model: Model, draws: Array) -> Result:
 
 
 @step
-def drift(truth: Array, state: Rows, params: Rows, k: int, draw: Array) -> None:
+def drift(truth: Array, pair: Record, params: Rows, k: int, draw: Array) -> None:
     """(2)-(6) over T_d; of acceleration and gravity, what the altimeter has found is taken out."""
-    s, p = state[0], params[0]
+    p = params[0]
     height, climb = truth[k, 0], truth[k, 1]
-    found = s.x[k, 2] + s.x[k, 3]
+    found = pair.x[k, 2] + pair.x[k, 3]
     truth[k, 0] = height + T_D_S * climb
     truth[k, 1] = climb + T_D_S * (
         2.0 * G_MPS2 / (R_0_M + p.H) * height + truth[k, 2] + truth[k, 3] - found
@@ -139,14 +140,15 @@ def drift(truth: Array, state: Rows, params: Rows, k: int, draw: Array) -> None:
 def set_out(state: Rows, params: Rows, truth: Array, draw: Array) -> None:
     """Both channels at the same erroneous start; the filters know its spread."""
     s = state[0]
-    s.inertial, s.sigma_gps_m, s.now_us = 1, params[0].sigma_GPS, 0
-    s.reference_age_s = KNOWN_S  # barometer and GPS have one datum
+    pair = s.pair
+    pair.inertial, pair.sigma_gps_m, s.now_us = 1, params[0].sigma_GPS, 0
+    pair.datum.age_s = KNOWN_S  # barometer and GPS have one datum
     for k in range(2):
-        begin(state, params, k, 0.0)
-        s.P[k, 0, 0] = START_SD[0] ** 2
+        begin(pair, params, k, 0.0)
+        pair.P[k, 0, 0] = START_SD[0] ** 2
         for i in range(5):
             truth[k, i] = START_SD[i] * draw[i]
-    extrapolate_errors(state, params)
+    extrapolate_errors(pair, params, s.now_us)
 
 
 @step
@@ -163,31 +165,41 @@ def one_run(
     variance: Array,
 ) -> None:
     """All iterations of one run; the last three arguments are filled."""
-    s = state[0]
+    s, pair = state[0], state[0].pair
     set_out(state, params, truth, draws[0])
     for i in range(errors.shape[0]):
         T = T_D_S
         if i > 0:
             for k in range(2):
-                drift(truth, state, params, k, draws[i])
+                drift(truth, pair, params, k, draws[i])
             s.now_us += int(T_D_S * 1e6)
-            T = extrapolate_errors(state, params)
+            T = extrapolate_errors(pair, params, s.now_us)
         for k in range(2):
-            s.height_m[k], s.climb_mps[k] = truth[k, 0], truth[k, 1]
-            sd = np.sqrt(height_variance(state, params, k))
+            pair.height_m[k], pair.climb_mps[k] = truth[k, 0], truth[k, 1]
+            sd = np.sqrt(height_variance(pair, params, k))
             if FIRST_FAULTY <= i < LAST_FAULTY and faults[k] == NOISY:
                 sd *= np.sqrt(factor)
             sensor = sd * draws[i + 1, 3 + k] + (truth[k, 4] if k == IBI else 0.0)
             if FIRST_FAULTY <= i < LAST_FAULTY and faults[k] == BIASED:
                 sensor += bias_m
-            gather(state, params, k, s.height_m[k] - sensor)
-        correct_errors(state, params, T)
+            gather(pair, params, k, pair.height_m[k] - sensor)
+        correct_errors(pair, params, s.now_us, T, False)
         for k in range(2):
-            truth[k, 0], truth[k, 1] = s.height_m[k], s.climb_mps[k]
-            errors[i, k], probability[i, k], variance[i, k] = s.height_m[k], s.prob[k], s.P[k, 0, 0]
-        ibi = share(s.P[IBI], s.P[IIG])
+            truth[k, 0], truth[k, 1] = pair.height_m[k], pair.climb_mps[k]
+            errors[i, k], probability[i, k], variance[i, k] = (
+                pair.height_m[k],
+                pair.prob[k],
+                pair.P[k, 0, 0],
+            )
+        ibi = share(pair.P[IBI], pair.P[IIG])
         errors[i, 2] = ibi * errors[i, IBI] + (1.0 - ibi) * errors[i, IIG]
-        trusted = IBI if s.trust == TRUST_IBI else IIG if s.trust == TRUST_IIG else 2
+        trusted = (
+            IBI
+            if pair.isolation.trust == TRUST_IBI
+            else IIG
+            if pair.isolation.trust == TRUST_IIG
+            else 2
+        )
         errors[i, 3] = errors[i, trusted]
 
 

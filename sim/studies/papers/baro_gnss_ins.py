@@ -20,14 +20,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.estimators.baro_gnss_ins.steps import (
+from companion.estimators.baro_gnss_ins import METHOD
+from companion.estimators.baro_gnss_ins.altimetry import (
     INCH_OF_MERCURY_PA,
-    METHOD,
-    BaroGnssInsSettings,
     cubic_altitude_m,
     kollsman_altitude_m,
     kollsman_slope_mppa,
 )
+from companion.estimators.baro_gnss_ins.settings import BaroGnssInsSettings
 from companion.estimators.method import run_log
 from companion.kernels.atmosphere import geopotential_m, pressure_altitude_m, standard_pressure_pa
 from companion.samples import Kind, Rows, SampleLog, Verdict, sample
@@ -143,7 +143,7 @@ def _altitude_rows() -> list[Row]:
             "height above ground at 1000 m",
             1000.0,
             linear_m,
-            pages.Verdict.DOES_NOT,
+            pages.Match.DOES_NOT,
             "m",
             "(8)",
             "the sign is wrong, (p_ground - p) is meant; and density falls: 47 m short a kilometre up",
@@ -326,7 +326,7 @@ def _gate_rows(descents: list[Descents]) -> list[Row]:
         Row(
             "good samples rejected, 5 Pa from the last accepted",
             ours=latched,
-            verdict=pages.Verdict.DOES_NOT,
+            verdict=pages.Match.DOES_NOT,
             unit="%",
             where="sec. IV",
             note="once the descent has left the threshold behind, everything is rejected for good",
@@ -334,7 +334,7 @@ def _gate_rows(descents: list[Descents]) -> list[Row]:
         Row(
             "the same, 5 Pa from the last sample",
             ours=shares("rejected", "last"),
-            verdict=pages.Verdict.DOES_NOT,
+            verdict=pages.Match.DOES_NOT,
             unit="%",
             where="sec. IV",
             note="works where 10 m/s are less than 5 Pa a sample",
@@ -357,8 +357,8 @@ def _gate_rows(descents: list[Descents]) -> list[Row]:
     ]
 
 
-def _verdict(condition: bool) -> pages.Verdict:
-    return pages.Verdict.REPRODUCES if condition else pages.Verdict.DOES_NOT
+def _verdict(condition: bool) -> pages.Match:
+    return pages.Match.REPRODUCES if condition else pages.Match.DOES_NOT
 
 
 def _draw_gate(page: Page) -> None:
@@ -405,11 +405,11 @@ class Profile:
         self.log[Kind.PRESSURE]["pressure_pa"] = pressures_pa(self.h_p_m + BARO_SD_M * noise[0])
         self.log[Kind.GNSS]["altitude_amsl_m"] = self.heights_m + GNSS_SD_M * noise[1]
         state = run_log(METHOD, self.log, CONSTANT)[2][0]
-        b, s = float(state["b_m"]), float(state["s"])
+        b, s = float(state["ins"]["b_m"]), float(state["ins"]["s"])
         self.b_m.append(b)
         self.s.append(s)
         self.sum_m.append(b + s * float(self.h_p_m[-1]))
-        P, h_p = np.asarray(state["P"]), float(self.h_p_m[-1])
+        P, h_p = np.asarray(state["ins"]["P"]), float(self.h_p_m[-1])
         total = P[15, 15] + 2.0 * h_p * P[15, 16] + h_p**2 * P[16, 16]
         self.sd = np.sqrt([P[15, 15], P[16, 16], total])
 
@@ -486,7 +486,7 @@ def _state_rows(level: Profile, climb: Profile) -> list[Row]:
             "b in level flight",
             "estimated",
             spread(level.b_m),
-            pages.Verdict.DOES_NOT,
+            pages.Match.DOES_NOT,
             "m",
             "(14)",
             f"true 25; the rows (16) have rank {level.rank}: only b + s h_p is seen; "
@@ -525,7 +525,7 @@ def _state_rows(level: Profile, climb: Profile) -> list[Row]:
             "sigma_b^2",
             "1.0 m",
             "1.0 m²",
-            pages.Verdict.ONLY_UNDER,
+            pages.Match.ONLY_UNDER,
             where="after (16)",
             note="a variance",
         ),
@@ -694,7 +694,7 @@ def _outage_rows(outage: Outage) -> list[Row]:
             "the INS's vertical channel is unstable",
             "unstable",
             f"e-fold in {efold_s:.0f} s",
-            pages.Verdict.REPRODUCES,
+            pages.Match.REPRODUCES,
             where="sec. VI",
             note="gravity falls with height; the accelerometer's bias and the tilt err long before",
         ),

@@ -27,15 +27,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.config import Settings
-from companion.estimators.baro_inertial import baro_ins_kf, damping_loop, tuning
+from companion.estimators.baro_inertial import baro_ins_kf, damping_loop, genetic, tuning
 from companion.estimators.baro_inertial.baro_ins_kf import BaroInsKfSettings
 from companion.estimators.baro_inertial.damping_loop import (
     DampingLoopSettings,
     matched_gains,
     poles,
 )
+from companion.estimators.baro_inertial.genetic import Gains
 from companion.estimators.baro_inertial.inputs import calibrated_m
-from companion.estimators.baro_inertial.tuning import Gains
 from companion.estimators.method import Method, run_log
 from companion.kernels.atmosphere import baro_altitude_array, geopotential_m, pressure_altitude_m
 from companion.samples import Kind
@@ -55,7 +55,7 @@ from sim.studies.page import (
 from sim.studies.papers import Progress
 from sim.studies.papers import mountain_road as road
 from sim.studies.papers.mountain_road import G_MPS2, GAS, LAPSE_KPM, P0_PA, T0_K, Drive
-from sim.studies.papers.page import Page, Row, Verdict, compare, holds
+from sim.studies.papers.page import Match, Page, Row, compare, holds
 
 Array = NDArray[np.float64]
 
@@ -145,8 +145,8 @@ def kalman_filter(
         baro_bias_sd_m=road.BARO_WANDER_M,
         baro_bias_time_s=road.BARO_TIME_S,
         baro_sd_m=road.BARO_SD_M,
-        acceleration_noise=noise,
-        accelerometer_bias_mps2=math.hypot(road.FORCE_BIAS, road.FORCE_WANDER),
+        acceleration_noise_mps2_rthz=noise,
+        accelerometer_bias_sd_mps2=math.hypot(road.FORCE_BIAS, road.FORCE_WANDER),
         accelerometer_bias_time_s=road.FORCE_TIME_S,
         **start_settings(),
     )
@@ -172,11 +172,11 @@ class Tuned:
     """What all strings cost on one drive, and what genetic searches found there."""
 
     costs: Array
-    searches: list[tuning.Search]
+    searches: list[genetic.Search]
 
     @property
     def best(self) -> Gains:
-        return tuning.decode(int(np.argmin(self.costs)))
+        return genetic.decode(int(np.argmin(self.costs)))
 
     @property
     def ratios(self) -> Array:
@@ -191,14 +191,14 @@ def flight_of(driven: Drive) -> tuning.Flight:
 
 def tune(driven: Drive, searches: int, progress: Callable[[float], None]) -> Tuned:
     """Try all strings on a drive, and search them genetically."""
-    flight, costs = flight_of(driven), np.empty(2**tuning.STRING_BITS)
+    flight, costs = flight_of(driven), np.empty(2**genetic.STRING_BITS)
     for string in range(costs.size):
-        costs[string] = flight.cost(tuning.decode(string))
+        costs[string] = flight.cost(genetic.decode(string))
         if string % 2048 == 0:
             progress(string / costs.size)
     return Tuned(
         costs,
-        [tuning.search(lambda s: float(costs[s]), random) for random in generators("K", searches)],
+        [genetic.search(lambda s: float(costs[s]), random) for random in generators("K", searches)],
     )
 
 
@@ -208,10 +208,10 @@ def printed_over_least(drives: list[Drive]) -> Array:
     for driven, random in zip(drives, generators("K", len(drives)), strict=True):
         flight = flight_of(driven)
         least = min(
-            tuning.search(lambda s: flight.cost(tuning.decode(s)), random).cost  # noqa: B023
+            genetic.search(lambda s: flight.cost(genetic.decode(s)), random).cost  # noqa: B023
             for _ in range(3)
         )
-        ratios.append(flight.cost(tuning.PAPER_GAINS) / least)
+        ratios.append(flight.cost(genetic.PAPER_GAINS) / least)
     return np.array(ratios)
 
 
@@ -315,16 +315,16 @@ def _atmosphere(page: Page, drives: list[Drive]) -> None:
     page.table(
         "Barometric altitude (section II)",
         [
-            Row("altitude at 84.5 kPa", printed, pressure_altitude_m(84_500.0), Verdict.DOES_NOT, "m", "(1)",
+            Row("altitude at 84.5 kPa", printed, pressure_altitude_m(84_500.0), Match.DOES_NOT, "m", "(1)",
                 "as printed it is negative for either sign of L"),
             Row("true pressure at sea level from the sensors' own", None,
-                f"{circular_m[0]:+.1f} or {circular_m[1]:+.1f}", Verdict.DOES_NOT, "m", "(5)",
+                f"{circular_m[0]:+.1f} or {circular_m[1]:+.1f}", Match.DOES_NOT, "m", "(5)",
                 "added to the altitude at 1350 m of an exactly standard day; with the density there, or 1.225 kg/m3. "
                 "The H_p in it is what it is to correct"),
             holds("the compensated altitude is accurate: rms", compensated < 0.2 * standard_m, compensated, unit="m",
                   where="(2), Fig. 4", note=f"with the start's height given, and its air temperature to "
                   f"{THERMOMETER_SD_K:g} K; uncompensated {standard_m:.1f} m. Independent implementation: 2.3 m"),
-            Row("the 60 m between compensated altitude and GPS are the geoid", "60", None, Verdict.NOT_COMPARABLE, "m",
+            Row("the 60 m between compensated altitude and GPS are the geoid", "60", None, Match.NOT_COMPARABLE, "m",
                 "Fig. 4", "they are as much as (5) invents"),
         ],
     )  # fmt: skip
@@ -401,18 +401,18 @@ def _genetic(page: Page, tuned: Tuned, printed_ratios: Array) -> None:
     """Section III: the schedule (8) and what the search finds."""
     exact = float(np.mean(tuned.ratios < 1.0 + 1e-12))
     tried = np.mean([search.evaluations for search in tuned.searches])
-    on_grid = tuning.decode(tuning.encode(PRINTED_GAINS))
+    on_grid = genetic.decode(genetic.encode(PRINTED_GAINS))
     page.table(
         "Genetic algorithm (section III)",
         [
-            compare("p_m of the first generation", 0.117917, tuning.mutation_probability(0), 1e-6, where="(8)"),
-            compare("floor of p_m", 0.0041667, tuning.mutation_probability(60), 1e-7, where="(8)"),
+            compare("p_m of the first generation", 0.117917, genetic.mutation_probability(0), 1e-6, where="(8)"),
+            compare("floor of p_m", 0.0041667, genetic.mutation_probability(60), 1e-7, where="(8)"),
             holds("the gains lie on a grid of 5 bits", np.allclose(on_grid, PRINTED_GAINS, atol=5e-5, rtol=0),
                   "31/31, 20/31, 27/31", printed="3.00, .6452, .8710", where="(10)"),
             holds("reaches the best solution and avoids local minima", exact > 0.99,
                   f"{100 * exact:.0f} % of searches", where="section I", note="against all 32768 strings; the others "
                   f"stay at most {100 * (tuned.ratios.max() - 1.0):.1f} % above. {tried:.0f} strings tried a search"),
-            Row("cost of the printed gains over the least", None, spread(printed_ratios), Verdict.NOT_COMPARABLE,
+            Row("cost of the printed gains over the least", None, spread(printed_ratios), Match.NOT_COMPARABLE,
                 where="(7)", note="on our drives; independent implementation: 2.6-3.3"),
         ],
     )  # fmt: skip
@@ -455,7 +455,7 @@ def _comparison(page: Page, drives: list[Drive], best: Gains, noise: float) -> N
         [
             Row("the genetic loop tracks better than the Kalman filter", "superior",
                 f"{mean[BEST_LOOP]:.3f} against {mean[KF_3]:.3f} m/s",
-                Verdict.ONLY_UNDER if mean[BEST_LOOP] < mean[KF_3] else Verdict.DOES_NOT, where="Fig. 6",
+                Match.ONLY_UNDER if mean[BEST_LOOP] < mean[KF_3] else Match.DOES_NOT, where="Fig. 6",
                 note=f"a filter without a state for the accelerometer's bias, as (14); with it {mean[KF_4]:.3f} m/s"),
             holds("the printed gains are optimal", mean[PRINTED_LOOP] <= 1.05 * mean[BEST_LOOP],
                   f"{mean[PRINTED_LOOP]:.3f} against {mean[BEST_LOOP]:.3f} m/s", where="(10)",

@@ -7,7 +7,7 @@ A module of this package builds one in reading order::
     page.table("Table 1", [
         compare("P at iteration 400", printed=160.693, ours=spread(values), within=3.0, unit="m2",
         where="Table 1"), Row("P below R_GPS", printed="always", ours="always",
-        verdict=Verdict.REPRODUCES, where="(21)"),
+        verdict=Match.REPRODUCES, where="(21)"),
     ])
     return page
 
@@ -27,8 +27,8 @@ from sim.studies.page import Spread, Value, markdown_table
 from sim.studies.papers import PAPERS, Paper
 
 
-class Verdict(Enum):
-    """What became of a printed number or claim."""
+class Match(Enum):
+    """How a printed number or claim compares with ours."""
 
     REPRODUCES = "reproduces"
     ONLY_UNDER = "only under this reading"
@@ -46,7 +46,7 @@ class Row:
     printed: Value = None
     ours: Value | tuple[Value, ...] = None
     """several where a table has several columns of ours"""
-    verdict: Verdict = Verdict.NOT_COMPARABLE
+    verdict: Match = Match.NOT_COMPARABLE
     unit: str = ""
     where: str = ""
     """equation, table, figure or section of the paper"""
@@ -70,9 +70,9 @@ def compare(
     `reading` (what has to be assumed about the print), only under it.
     """
     mean = ours.mean if isinstance(ours, Spread) else ours
-    verdict = Verdict.ONLY_UNDER if reading else Verdict.REPRODUCES
+    verdict = Match.ONLY_UNDER if reading else Match.REPRODUCES
     if not abs(mean - printed) <= within:
-        verdict = Verdict.DOES_NOT
+        verdict = Match.DOES_NOT
     notes = "; ".join(part for part in (reading, note) if part)
     return Row(claim, printed, ours, verdict, unit, where, notes)
 
@@ -92,7 +92,7 @@ def holds(
         claim,
         printed,
         ours,
-        Verdict.REPRODUCES if condition else Verdict.DOES_NOT,
+        Match.REPRODUCES if condition else Match.DOES_NOT,
         unit,
         where,
         note,
@@ -162,7 +162,7 @@ class Page(general.Page):
         return [row for block in self.blocks if isinstance(block, Table) for row in block.rows]
 
     @property
-    def counts(self) -> Counter[Verdict]:
+    def counts(self) -> Counter[Match]:
         """How many rows have which verdict."""
         return Counter(row.verdict for row in self.rows)
 
@@ -179,13 +179,13 @@ class Page(general.Page):
         ]
 
 
-def summary(counts: Counter[Verdict]) -> str:
+def summary(counts: Counter[Match]) -> str:
     """Such as "21 reproduce, 3 only under one reading, 4 do not"."""
     words = {
-        Verdict.REPRODUCES: "reproduce",
-        Verdict.ONLY_UNDER: "only under one reading",
-        Verdict.DOES_NOT: "do not",
-        Verdict.NOT_COMPARABLE: "not comparable",
+        Match.REPRODUCES: "reproduce",
+        Match.ONLY_UNDER: "only under one reading",
+        Match.DOES_NOT: "do not",
+        Match.NOT_COMPARABLE: "not comparable",
     }
     return (
         ", ".join(f"{counts[verdict]} {text}" for verdict, text in words.items() if counts[verdict])

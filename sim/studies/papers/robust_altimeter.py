@@ -21,7 +21,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.estimators.robust_altimeter.steps import METHOD, PUBLISH
+from companion.estimators.robust_altimeter import METHOD
+from companion.estimators.robust_altimeter.settings import PUBLISH
 from companion.kernels.atmosphere import geopotential_m, standard_pressure_pa
 from companion.kernels.earth import gravity_mps2
 from companion.samples import ESTIMATE, Kind, SampleLog, rows, sample
@@ -43,7 +44,7 @@ from sim.studies.papers.altimeter_errors import (
     open_loop_m,
     simulate,
 )
-from sim.studies.papers.page import Page, Row, Verdict, compare, holds
+from sim.studies.papers.page import Match, Page, Row, compare, holds
 
 Array = NDArray[np.float64]
 
@@ -254,11 +255,11 @@ def _add_sweep(page: Page, draws: Array) -> None:
                 "when a fault occurs the robust filter is considerably better",
                 "always",
                 f"both biased by {from_m:g} m or more",
-                Verdict.REPRODUCES
+                Match.REPRODUCES
                 if all(better)
-                else Verdict.ONLY_UNDER
+                else Match.ONLY_UNDER
                 if better[-1]
-                else Verdict.DOES_NOT,
+                else Match.DOES_NOT,
                 where="sec. 5",
                 note=f"biased by {BIASES_M[worst]:g} m it is {(robust / optimal)[worst].max():.1f} times worse",
             )
@@ -352,7 +353,7 @@ def _property_rows(outcome: Outcome, draws: Array) -> list[Row]:
             "mean error of IBI without a fault, U_B of sigma 1",
             1.87,
             spread(literal.mean_m(0)),
-            Verdict.DOES_NOT,
+            Match.DOES_NOT,
             "m",
             "Table 2",
             "with 0.1: 0.66 m",
@@ -361,7 +362,7 @@ def _property_rows(outcome: Outcome, draws: Array) -> list[Row]:
             "INS error after 300 s, open loop, sigma 0.6 m/s² (fitted)",
             None,
             spread(np.abs(open_loop[:, -1])),
-            Verdict.NOT_COMPARABLE,
+            Match.NOT_COMPARABLE,
             "m",
             "(21)",
             f"fed back it stays below {fed_back} m",
@@ -412,7 +413,8 @@ def live_errors_m(model: Model, log: SampleLog, publish: str) -> Array:
     params = model.params()
     params["publish"], params["reference_s"] = PUBLISH[publish], 1e18
     state = METHOD.init(params)
-    state["reference_m"], state["reference_at_m"], state["reference_age_s"] = 0.0, 1000.0, 1e18
+    datum = state["pair"]["datum"]
+    datum["offset_m"], datum["at_m"], datum["age_s"] = 0.0, 1000.0, 1e18
     estimates, verdicts = rows(ESTIMATE, len(log)), np.zeros(len(log), np.int64)
     METHOD.run(state, params, log.tables, estimates, verdicts)
     return np.asarray(estimates["altitude_amsl_m"][5 * LEAD + 6 :: 7] - 1000.0)

@@ -77,8 +77,9 @@ def test_nothing_is_sent_before_there_is_a_vehicle() -> None:
     outcome = feed(standing(30, 60, heartbeat=None))
     assert outcome.sent == []
     assert outcome.pipeline.identity.counters[Origin.EARLY] == 600
-    assert outcome.pipeline.heartbeat() == []
-    assert outcome.pipeline.lose("nothing heard") == []
+    (beat,) = parsed(outcome.pipeline.heartbeat())  # for peers that speak only to who spoke
+    assert (beat.get_srcSystem(), beat.get_srcComponent()) == (1, 191)
+    assert beat.system_status == mavlink.MAV_STATE_CRITICAL
 
 
 def test_the_autopilots_own_altitude_and_truth_are_seen_but_not_used() -> None:
@@ -112,11 +113,12 @@ def test_the_autopilots_own_altitude_and_truth_are_seen_but_not_used() -> None:
         return mavlink.MAVLink_sim_state_message(**values)
 
     comparison = Comparison()
-    pipeline = Pipeline(CompanionSettings(), datagrams=True, observer=comparison)
+    settings = CompanionSettings().with_changes(publish={"altitude": "never"})
+    pipeline = Pipeline(settings, datagrams=True, observer=comparison)
     packets = standing(30, 50, own=(5.0, position), truth=(5.0, truth))
     sent = [frame for packet in packets for frame in pipeline.feed(packet)]
     assert {height[1] for height in comparison.heights} == {9000.0, 8000.0}
-    assert sent == feed(standing(30, 50)).sent
+    assert sent == feed(standing(30, 50), settings).sent
 
 
 def test_commands_to_us_are_refused_others_are_not_ours() -> None:
@@ -140,12 +142,14 @@ def test_commands_to_us_are_refused_others_are_not_ours() -> None:
 def test_a_lost_link_says_so_once() -> None:
     pipeline = feed(standing(30, 50)).pipeline
     assert pipeline.health.health is OK
-    (text,) = parsed(pipeline.lose("nothing heard from the vehicle"))
-    assert text.text == "Kollsman LOST: nothing heard from the vehicle"
-    assert pipeline.lose("nothing heard from the vehicle") == []
+    last_us = HOST_EPOCH_US + 50_000_000
+    assert pipeline.age(last_us + 2_800_000) == []
+    (text,) = parsed(pipeline.age(last_us + 3_000_000))
+    assert text.text == "Kollsman LOST: nothing heard"
+    assert pipeline.age(last_us + 3_100_000) == []
     (beat,) = parsed(pipeline.heartbeat())
     assert beat.system_status == mavlink.MAV_STATE_CRITICAL
-    sent = [frame for packet in standing(51, 60) for frame in pipeline.feed(packet)]
+    sent = [frame for packet in standing(53, 63) for frame in pipeline.feed(packet)]
     assert pipeline.health.health is OK
     assert "ALTITUDE" in [message.get_type() for message in parsed(sent)]
 
@@ -179,7 +183,7 @@ def test_listeners_get_what_they_asked_for_of_the_vehicle_only() -> None:
     def hud(boot_s: float) -> Message:
         return mavlink.MAVLink_vfr_hud_message(0, 0, 0, 0, boot_s, 0)
 
-    other = standing(30, 40, vehicle=Vehicle(2, 1), hud=(1.0, hud))
+    other = standing(34, 44, vehicle=Vehicle(2, 1), hud=(1.0, hud))
     for packet in merged(standing(30, 40, hud=(1.0, hud)), other):
         pipeline.feed(packet)
     assert len(heard) == 10

@@ -112,7 +112,7 @@ def test_every_quantity_names_its_unit() -> None:
     """The suffix of a key is its unit; what has none is a share, or a number that a paper gives
     without one."""
     shares = {"ratio", "factor", "probability", "gain", "rate", "second"}
-    papers = {"scale_sd", "k1", "k2", "k3", "acceleration_noise", "unknown_acceleration"}
+    papers = {"scale_sd", "k1", "k2", "k3"}
     for key, info in leaves(CompanionSettings()):
         if info.annotation is float and not unit_of(key):
             assert key.rsplit("_", 1)[-1] in shares or key.rsplit(".", 1)[-1] in papers, key

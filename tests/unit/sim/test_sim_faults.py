@@ -656,15 +656,15 @@ def test_the_table_says_what_every_fault_does() -> None:
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("drp", "no fault 'drp'; did you mean `drop`?"),
-        ("nothing", "no fault 'nothing'; there are drop"),
-        ("drop:60", "'60' is not a key=value"),
-        ("drop:start_s=1,start_s=2", "'start_s=2' is not a key=value that is new here"),
+        ("drp", "'drp' is unknown; did you mean `drop`?"),
+        ("nothing", "'nothing' is unknown; give one of drop"),
+        ("drop:60", "'60' is malformed or repeated"),
+        ("drop:start_s=1,start_s=2", "'start_s=2' is malformed or repeated; expected key=value"),
         ("drop:strt_s=3", "strt_s: unknown key; did you mean `start_s`?"),
         ("drop:probability=2", "probability: '2' is out of range"),
         ("drop:message=GPS", "message: 'GPS': is no message of the dialect"),
         ("step:quantity=pressure", "size: this key is required"),
-        ("drop:fault=step", "'fault=step' is not a key=value"),
+        ("drop:fault=step", "'fault=step' is malformed or repeated"),
     ],
 )
 def test_a_mistake_is_one_line(text: str, complaint: str) -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from companion.config import validate
 from companion.errors import ConfigError
-from sim.aircraft import G0_MPS2, Flow, Motion, Truth
+from sim.aircraft_state import G0_MPS2, Flow, Motion, Truth
 from sim.flight import Flight
 from sim.scenario import Scenario
 from sim.sensors import SensorConfig

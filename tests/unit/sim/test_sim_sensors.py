@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim.aircraft import Motion, Truth
+from sim.aircraft_state import Motion, Truth
 from sim.sensors import GaussMarkov, normals
 from sim.sensors.barometer import Barometer, BarometerConfig
 from sim.sensors.gnss import GnssConfig, GnssReceiver

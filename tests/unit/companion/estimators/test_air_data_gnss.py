@@ -9,7 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from companion.config import dump
-from companion.estimators.air_data_gnss import METHOD, AirDataGnssSettings, baro_at
+from companion.estimators.air_data_gnss import METHOD
+from companion.estimators.air_data_gnss.settings import AirDataGnssSettings
+from companion.estimators.air_data_gnss.steps import baro_at
 from companion.estimators.method import Filter, run_log
 from companion.kernels.atmosphere import (
     G0_MPS2,
@@ -132,9 +134,9 @@ def test_vectors(key: str) -> None:
         running.step(Kind.PRESSURE, pressure(start_us(cycle), baro_m))
         if cycle in CYCLES:
             state, estimate = running.state[0], running.estimate[0]
-            P = state["P_error"]
+            P = state["error"]["P"]
             h_c = baro_m + estimate["baro_offset_m"]
-            found.append((*state["error"], P[0, 0], P[1, 1], h_c, estimate["altitude_amsl_m"]))
+            found.append((*state["error"]["x"], P[0, 0], P[1, 1], h_c, estimate["altitude_amsl_m"]))
     expected = np.array([EXPECTED[key][name] for name in ("a", "b", "Pa", "Pb", "hc", "hf")]).T
     np.testing.assert_allclose(np.array(found), expected, rtol=1e-6)
 
@@ -165,7 +167,7 @@ def test_temperature_alone_15_k_above_standard_at_1600_m(law: str, error_m: floa
 def test_final_rms(reading: str, name: str, seeds: int, low_m: float, high_m: float) -> None:
     """papers/README.md, W: 37.7 +- 1, 41 +- 1.5, 53.7 +- 2; tuned 5.7-6.2 m, where the raw
     barometer has 5.5-7.8 m."""
-    stream = paper.Stream()
+    stream = paper.VehicleRows()
     errors, raw = [], []
     for random in generators("W", seeds):
         data = paper.readings(reading, random)
@@ -207,7 +209,7 @@ def scale_after(
         if not math.isnan(air_k):
             running.step(Kind.AIR, air(start_us(cycle), air_k))
         running.step(Kind.PRESSURE, pressure(start_us(cycle), 1000.0, die_temperature_k=die_k))
-    return float(running.state["error"][0, 0])
+    return float(running.state["error"]["x"][0, 0])
 
 
 def test_the_temperature_of_the_die_is_unused_unless_asked_for() -> None:
@@ -239,7 +241,7 @@ def test_a_temperature_is_news_once_a_minute_but_one_of_many_in_the_paper() -> N
         for cycle in range(1500):
             running.step(Kind.AIR, air(start_us(cycle), 290.0))
             running.step(Kind.PRESSURE, pressure(start_us(cycle), 1000.0))
-        spreads[name] = math.sqrt(running.state["P_error"][0, 0, 0])
+        spreads[name] = math.sqrt(running.state["error"]["P"][0, 0, 0])
     assert spreads["each"] < 0.0015
     assert 0.003 < spreads["tuned"] < 0.012  # 3 K/km is 1 % of the height
 
@@ -460,7 +462,7 @@ def test_a_frozen_barometer_in_a_climb_does_not_leave_a_scale_factor(clean: Flig
         Kind.PRESSURE, "pressure_pa", lambda pa: np.full_like(pa, pa[0]), 25.0, 85.0
     )
     _, _, state = run_log(METHOD, damaged.log())
-    assert abs(state["error"][0, 0]) < 0.1
+    assert abs(state["error"]["x"][0, 0]) < 0.1
     elapsed_s, error_m, _ = errors_of(damaged)
     assert np.abs(error_m[elapsed_s > 100.0]).max() < 3.0
 
@@ -474,7 +476,7 @@ def test_scale_factor_is_guarded() -> None:
     for cycle in range(500):
         running.step(Kind.GNSS, fix(start_us(cycle), 3000.0 + cycle))
         running.step(Kind.PRESSURE, pressure(start_us(cycle), 0.0))
-    assert running.state["error"][0, 0] >= -0.5
+    assert running.state["error"]["x"][0, 0] >= -0.5
     assert math.isfinite(running.estimate["altitude_amsl_m"][0])
 
 

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from companion.estimators.baro_gnss_ins.steps import (
+from companion.estimators.baro_gnss_ins import METHOD
+from companion.estimators.baro_gnss_ins.altimetry import (
     INCH_OF_MERCURY_PA,
-    METHOD,
-    BaroGnssInsSettings,
     cubic_altitude_m,
     kollsman_altitude_m,
     kollsman_slope_mppa,
 )
+from companion.estimators.baro_gnss_ins.settings import BaroGnssInsSettings
 from companion.estimators.method import Filter, run_log
 from companion.kernels.atmosphere import geopotential_m, pressure_altitude_m, standard_pressure_pa
 from companion.samples import Kind, SampleLog, Verdict, sample
@@ -125,10 +125,12 @@ CONSTANT_ERRORS = BaroGnssInsSettings(
 def test_level_flight_tells_only_the_sum_of_bias_and_scale() -> None:
     log = vertical_log(np.full(600, 800.0), b_m=25.0, s=0.03, seed=1)
     state = run_log(METHOD, log, CONSTANT_ERRORS)[2][0]
-    P, h_p = state["P"], (800.0 - 25.0) / 1.03
+    P, h_p = state["ins"]["P"], (800.0 - 25.0) / 1.03
     combined = np.sqrt(P[15, 15] + 2 * h_p * P[15, 16] + h_p**2 * P[16, 16])
     assert combined < 0.3
-    assert state["b_m"] + state["s"] * h_p == pytest.approx(25.0 + 0.03 * h_p, abs=3 * combined)
+    assert state["ins"]["b_m"] + state["ins"]["s"] * h_p == pytest.approx(
+        25.0 + 0.03 * h_p, abs=3 * combined
+    )
     assert np.sqrt(P[15, 15]) > 50.0
     assert np.sqrt(P[16, 16]) > 0.06
 
@@ -141,7 +143,7 @@ def test_a_climb_separates_bias_and_scale() -> None:
     )
     found = np.array(
         [
-            [float(final[name]) for name in ("b_m", "s")]
+            [float(final["ins"][name]) for name in ("b_m", "s")]
             for final in (
                 run_log(
                     METHOD, vertical_log(profile, b_m=25.0, s=0.03, seed=seed), CONSTANT_ERRORS
@@ -161,13 +163,13 @@ def test_noise_of_the_barometer_does_not_drive_the_scale() -> None:
     random = np.random.default_rng(5)
     made.change(Kind.PRESSURE, "pressure_pa", lambda p: p + random.normal(0.0, 60.0, p.size), 100.0)
     state = run_log(METHOD, made.log())[2][0]
-    assert abs(state["s"]) < 0.03
+    assert abs(state["ins"]["s"]) < 0.03
 
 
 def test_noise_at_a_low_rate_does_not_either() -> None:
     log = vertical_log(np.full(300, 500.0), b_m=0.0, s=0.0, seed=2, baro_sd_m=5.0)
     state = run_log(METHOD, log, BaroGnssInsSettings(baro_sd_m=5.0))[2][0]
-    assert abs(state["s"]) < 0.02
+    assert abs(state["ins"]["s"]) < 0.02
 
 
 # On flights.
@@ -271,9 +273,9 @@ def test_at_rest_the_yaw_stays_unknown_and_the_height_does_not() -> None:
     for name in ("latitude_deg", "longitude_deg"):
         made.tables[Kind.GNSS][name] = made.tables[Kind.GNSS][name][0]
     estimates, _, state = run_log(METHOD, made.log())
-    assert state[0]["inertial"] == 1
-    assert state[0]["yaw_known"] == 0
-    assert math.sqrt(state[0]["P"][8, 8]) > 1.5
+    assert state[0]["ins"]["inertial"] == 1
+    assert state[0]["ins"]["yaw_known"] == 0
+    assert math.sqrt(state[0]["ins"]["P"][8, 8]) > 1.5
     assert abs(estimates[-1]["altitude_amsl_m"] - 300.0) < 2.0
 
 
@@ -434,7 +436,7 @@ def test_fixes_come_back_after_minutes_of_the_imu_alone() -> None:
     lost = (elapsed > 150.0) & (elapsed < 199.0)
     assert (error[lost] < 3.0 * estimates["altitude_sd_m"][lost]).all()
     assert error[elapsed > 202.0].max() < 6.0
-    assert state[0]["inertial"] == 1
+    assert state[0]["ins"]["inertial"] == 1
 
 
 def test_compiled_and_not_compiled_agree_bit_for_bit() -> None:

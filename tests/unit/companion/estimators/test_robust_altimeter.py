@@ -10,10 +10,11 @@ import pytest
 from numpy.typing import NDArray
 
 from companion.estimators.method import Filter, run_log
+from companion.estimators.robust_altimeter import METHOD
 from companion.estimators.robust_altimeter import altimeters as integrated_altimeters
 from companion.estimators.robust_altimeter import error_model as paper
 from companion.estimators.robust_altimeter import isolation as pair
-from companion.estimators.robust_altimeter.steps import METHOD, RobustAltimeterSettings
+from companion.estimators.robust_altimeter.settings import RobustAltimeterSettings
 from companion.samples import FaultySensor, Kind, Rows, SampleLog, Verdict, sample
 from tests.flights import Flight, Plan, flight
 
@@ -109,9 +110,10 @@ def test_neither_covariance_nor_weights_see_the_fault() -> None:
 def test_measurement_variances_of_table_1() -> None:
     """R = 10 (13) and 13.9729 (18) m2."""
     result = Filter(METHOD, RobustAltimeterSettings(preset="paper"))
-    result.state["inertial"], result.state["sigma_gps_m"] = 1, 2.23
+    channels = result.state[0]["pair"]
+    channels["inertial"], channels["sigma_gps_m"] = 1, 2.23
     variances = [
-        integrated_altimeters.height_variance(result.state, result.params, k)
+        integrated_altimeters.height_variance(channels, result.params, k)
         for k in (paper.IBI, paper.IIG)
     ]
     assert variances == pytest.approx([10.0, 13.9729], abs=1e-12)
@@ -232,7 +234,7 @@ def test_every_altimeter_follows_a_healthy_flight(publish: str) -> None:
 def test_fused_is_between_the_two_by_the_paper_s_weights() -> None:
     heights = {name: run(cruise(), publish=name) for name in ("ibi", "iig", "ibig")}
     last = {name: result.estimates[-1]["altitude_amsl_m"] for name, result in heights.items()}
-    P = heights["ibig"].state["P"][0]
+    P = heights["ibig"].state["pair"]["P"][0]
     ibi = paper.share(P[0], P[1])
     assert last["ibig"] == pytest.approx(ibi * last["ibi"] + (1 - ibi) * last["iig"], abs=1e-9)
 
@@ -247,12 +249,14 @@ def test_a_fault_is_isolated_and_forgotten(gain: str, kind: Kind, step_m: float)
     half = run(Flight(damaged.plan, {k: t[~damaged.within(k, 180.0, math.inf)] for k, t in damaged.tables.items()}),
                gain=gain)  # fmt: skip
     baro = kind is Kind.PRESSURE
-    assert half.state["trust"][0] == (pair.TRUST_IIG if baro else pair.TRUST_IBI)
+    assert half.state["pair"]["isolation"]["trust"][0] == (
+        pair.TRUST_IIG if baro else pair.TRUST_IBI
+    )
     last = half.estimates[-1]
     assert last["faulty"] == (FaultySensor.BAROMETER if baro else FaultySensor.GNSS)
     assert 0.0 < half.made.elapsed_s(last["faulty_since_us"]) - FAULT_S[0] < 25.0
     result = run(damaged, gain=gain)
-    assert result.state["trust"][0] == pair.TRUST_IBIG
+    assert result.state["pair"]["isolation"]["trust"][0] == pair.TRUST_IBIG
     late = result.elapsed_s > FAULT_S[1] + 60.0
     assert np.abs(result.errors_m[late] - healthy.errors_m[late]).max() < 1.0
 
@@ -280,10 +284,10 @@ def test_without_reacquisition_the_robust_gain_locks_out() -> None:
     """The paper's filter on a barometer that steps by 100 m for good, and ours."""
     made = cruise().change(Kind.PRESSURE, "pressure_pa", baro_step(100.0), 150.0)
     paper_s = run(made, publish="ibi", reacquire_s="never")
-    assert paper_s.state["prob"][0, paper.IBI] < 1e-3
-    assert paper_s.state["refused_s"][0, paper.IBI] > 140.0
+    assert paper_s.state["pair"]["prob"][0, paper.IBI] < 1e-3
+    assert paper_s.state["pair"]["refused_s"][0, paper.IBI] > 140.0
     ours = run(made, publish="ibi")
-    assert ours.state["prob"][0, paper.IBI] > 0.9
+    assert ours.state["pair"]["prob"][0, paper.IBI] > 0.9
     assert ours.worst_m(290.0, 300.0) < 3.0, "and the new level is a new datum"
 
 
@@ -310,7 +314,7 @@ def test_a_spike_is_gated_and_leaves_no_trace() -> None:
 @pytest.mark.parametrize("imu_hz", [0.0, 1.0, 4.0])
 def test_without_an_integrable_imu_barometer_and_gnss_remain(imu_hz: float) -> None:
     result = run(cruise(imu_hz=imu_hz, attitude_hz=0.0, pressure_hz=2.0, gnss_hz=1.0))
-    assert result.state["inertial"][0] == 0
+    assert result.state["pair"]["inertial"][0] == 0
     assert result.rms_m(60.0, 300.0) < 1.5
     if imu_hz > 0:
         assert result.share_of(Kind.IMU, Verdict.IGNORED) == 1.0
@@ -319,7 +323,7 @@ def test_without_an_integrable_imu_barometer_and_gnss_remain(imu_hz: float) -> N
 def test_an_imu_that_falls_silent_is_replaced_and_comes_back() -> None:
     result = run(cruise().drop(Kind.IMU, 100.0, 200.0))
     assert result.worst_m(60.0, 300.0) < 3.0
-    assert result.state["inertial"][0] == 1
+    assert result.state["pair"]["inertial"][0] == 1
 
 
 @pytest.mark.parametrize("kinds", [(Kind.GNSS,), (Kind.PRESSURE,), (Kind.GNSS, Kind.PRESSURE)])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from companion.estimators.baro_gnss_ins.spikes import accepts, spike_fields, spike_start
+from companion.estimators.baro_gnss_ins.spikes import SPIKES, accepts, spikes_start
 from companion.samples import readable
 
 Array = NDArray[np.float64]
@@ -14,8 +14,8 @@ PA_PER_M = 12.0
 
 def judge(pressure_pa: Array, rate_hz: float) -> NDArray[np.bool_]:
     """What the gate makes of each pressure of a stream."""
-    state = readable(np.zeros(1, np.dtype(list(spike_fields()), align=True)))
-    spike_start(state, GATE_PA)
+    state = readable(np.zeros(1, SPIKES))[0]
+    spikes_start(state, GATE_PA)
     times_us = np.round(np.arange(pressure_pa.size) / rate_hz * 1e6).astype(int)
     pairs = zip(times_us.tolist(), pressure_pa.tolist(), strict=True)
     return np.array([accepts(state, time_us, value, GATE_PA) for time_us, value in pairs])

@@ -8,9 +8,9 @@ import pytest
 import yaml
 
 from companion.errors import LogFormatError
-from companion.estimators.baro_inertial import tuning
+from companion.estimators.baro_inertial import genetic, tuning
 from companion.estimators.baro_inertial.damping_loop import DampingLoopSettings
-from companion.estimators.baro_inertial.tuning import PAPER_GAINS, STRING_BITS, decode, encode
+from companion.estimators.baro_inertial.genetic import PAPER_GAINS, STRING_BITS, decode, encode
 from companion.samples import Kind, SampleLog, sample
 from tests.flights import Flight, flight
 
@@ -31,9 +31,9 @@ def flown() -> Flight:
 )
 def test_mutation_schedule(generation: int, expected: float) -> None:
     """vectors.json 004 "pm"; the floor is one bit of 16 strings of 15."""
-    assert tuning.mutation_probability(generation) == pytest.approx(expected, rel=1e-14)
-    assert tuning.mutation_probability(60) == pytest.approx(
-        1.0 / (tuning.POPULATION * STRING_BITS), rel=1e-9
+    assert genetic.mutation_probability(generation) == pytest.approx(expected, rel=1e-14)
+    assert genetic.mutation_probability(60) == pytest.approx(
+        1.0 / (genetic.POPULATION * STRING_BITS), rel=1e-9
     )
 
 
@@ -46,7 +46,7 @@ def test_coding() -> None:
         decode(encode((3.0, 0.6452, 0.8710))), (3.0, 0.6452, 0.8710), atol=5e-5
     )
     assert all(encode(decode(string)) == string for string in range(0, 2**STRING_BITS, 37))
-    assert tuning.distance(encode((3.0, 1.0, 0.0)), encode((0.0, 1.0, 1.0))) == pytest.approx(10.0)
+    assert genetic.distance(encode((3.0, 1.0, 0.0)), encode((0.0, 1.0, 1.0))) == pytest.approx(10.0)
 
 
 def test_crossover_exchanges_tails() -> None:
@@ -54,7 +54,7 @@ def test_crossover_exchanges_tails() -> None:
     first, second = 0b111_1111_1111_1111, 0
     seen = set()
     for _ in range(300):
-        one, other = tuning._crossover(first, second, random)
+        one, other = genetic._crossover(first, second, random)
         assert one ^ other == first  # each bit comes from one of the two
         seen.add(f"{one:015b}".count("01") + f"{one:015b}".count("10"))
     assert seen == {0, 1}  # one point, or copies
@@ -62,7 +62,7 @@ def test_crossover_exchanges_tails() -> None:
 
 def test_mutation_flips_as_often_as_asked() -> None:
     random = np.random.default_rng(2)
-    flipped = [tuning._mutate(0, 0.1, random).bit_count() for _ in range(4000)]
+    flipped = [genetic._mutate(0, 0.1, random).bit_count() for _ in range(4000)]
     assert np.mean(flipped) == pytest.approx(1.5, abs=3 * math.sqrt(15 * 0.09 / 4000))
 
 
@@ -71,16 +71,16 @@ def test_best_and_nearest_remain() -> None:
     random = np.random.default_rng(3)
     strings = [int(string) for string in random.integers(0, 2**STRING_BITS, 60)]
     best = strings[17]
-    kept = tuning._dominant(
+    kept = genetic._dominant(
         strings, lambda string: 0.0 if string == best else float(1 + string % 977)
     )
     nearest = min(
         (string for string in strings if string != best),
-        key=lambda string: tuning.distance(string, best),
+        key=lambda string: genetic.distance(string, best),
     )
     assert kept[0] == best
     assert nearest in kept
-    assert len(kept) == len(set(kept)) == tuning.POPULATION
+    assert len(kept) == len(set(kept)) == genetic.POPULATION
 
 
 def test_search_is_repeatable_and_never_gets_worse() -> None:
@@ -90,9 +90,9 @@ def test_search_is_repeatable_and_never_gets_worse() -> None:
         )
 
     shares: list[float] = []
-    first = tuning.search(bowl, np.random.default_rng(5), 40, shares.append)
-    assert first == tuning.search(bowl, np.random.default_rng(5), 40)
-    assert first.string != tuning.search(bowl, np.random.default_rng(5), 0).string
+    first = genetic.search(bowl, np.random.default_rng(5), 40, shares.append)
+    assert first == genetic.search(bowl, np.random.default_rng(5), 40)
+    assert first.string != genetic.search(bowl, np.random.default_rng(5), 0).string
     assert list(first.history) == sorted(first.history, reverse=True)
     assert first.cost == first.history[-1] == bowl(first.string) < 0.02
     assert shares[-1] == 1.0

@@ -23,6 +23,7 @@ from companion.mavlink.outputs import (
     heartbeat,
     state_floats,
 )
+from companion.mavlink.texts import StatusTexts
 from companion.samples import ESTIMATE, Kind, Rows, Verdict, rows, sample
 from companion.settings import CompanionSettings
 from tests import vehicle
@@ -469,7 +470,9 @@ class TestOnTheWire:
 
     @pytest.mark.parametrize("reason", ["short", "x" * 80, "Höhe über Grund"])
     def test_texts_fit(self, reason: str) -> None:
-        (message,) = Outputs(PublishSettings()).status_text(Health.DEGRADED, reason)
+        texts = StatusTexts()
+        texts.say("health", Health.DEGRADED, 4, f"Kollsman DEGRADED: {reason}")
+        (message,) = texts.due(0)
         (read,) = parsed([Encoder(1, 191).encode(message)])
         assert read.text.startswith("Kollsman DEGRADED: ")
         assert len(read.text) <= 50

@@ -17,7 +17,7 @@ from sim.studies.papers.altimeter_errors import (
     open_loop_m,
     simulate,
 )
-from sim.studies.papers.page import Verdict
+from sim.studies.papers.page import Match
 from sim.studies.papers.robust_altimeter import (
     FITTED,
     LONG,
@@ -104,7 +104,7 @@ def test_the_rule_that_blames_the_imu_takes_scenario_3_for_one(draws: Array) -> 
     """As the estimator says of itself: the same bias on both sensors looks like a wrong
     accelerometer."""
     model = TABLE_1_ROBUST.having(faults=BOTH_BIASED, bias_m=30.0, reacquire_s=120.0)
-    blamed = simulate(model.having(blame_imu=True), draws[:20])
+    blamed = simulate(model.having(may_doubt_imu=True), draws[:20])
     assert blamed.mean_m(0, 220, 400).mean() > 25.0
 
 
@@ -146,4 +146,4 @@ def test_the_page_has_every_table(tmp_path: Path) -> None:
     for number in range(2, 8):
         assert f"### Table {number}: " in text
     assert len(list(tmp_path.glob("robust-altimeter-*.png"))) == 3
-    assert page.counts[Verdict.REPRODUCES] >= 5
+    assert page.counts[Match.REPRODUCES] >= 5

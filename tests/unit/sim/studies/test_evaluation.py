@@ -43,7 +43,7 @@ def test_a_row_is_judged_by_its_limits(row: Measured, verdict: str, limits: str)
 @pytest.fixture
 def section(monkeypatch: pytest.MonkeyPatch) -> Section:
     """The only section there is; nothing is measured."""
-    made = Section("bound", "A title", "nowhere", 3)
+    made = Section("bound", "A title", 3)
     monkeypatch.setattr("sim.studies.goals.SECTIONS", {"bound": made})
     monkeypatch.setattr("sim.studies.goals.section.SECTIONS", {"bound": made})
     monkeypatch.setattr("sim.studies.goals.cli.SECTIONS", {"bound": made})
@@ -96,7 +96,7 @@ def test_every_section_has_a_goal_and_a_module() -> None:
     """But for the picture of the states, which judges nothing."""
     assert {goal.section for goal in GOALS.values()} == set(SECTIONS) - {"states"}
     for section in SECTIONS.values():
-        assert (ROOT / "sim" / "studies" / "goals" / f"{section.module}.py").exists()
+        assert ROOT.joinpath(*section.module.split(".")).with_suffix(".py").exists()
 
 
 @pytest.mark.parametrize("key", [key for key in SECTIONS if (PAGES / f"{key}.md").exists()])

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from sim.cli import app
 from sim.studies.page import FUSED, Spread, generators, spread
 from sim.studies.papers import PAPERS, Paper
-from sim.studies.papers.page import Page, Row, Verdict, compare, holds, summary
+from sim.studies.papers.page import Match, Page, Row, compare, holds, summary
 from tests.paths import ROOT
 
 PAGES = ROOT / "docs" / "papers"
@@ -23,18 +23,18 @@ def quiet(fraction: float, what: str) -> None:
 
 class TestVerdicts:
     def test_a_number_reproduces_within_its_tolerance_only(self) -> None:
-        assert compare("x", 10.0, Spread(10.4, 1.0), 0.5).verdict is Verdict.REPRODUCES
-        assert compare("x", 10.0, 10.6, 0.5).verdict is Verdict.DOES_NOT
-        assert compare("x", 10.0, float("nan"), 0.5).verdict is Verdict.DOES_NOT
+        assert compare("x", 10.0, Spread(10.4, 1.0), 0.5).verdict is Match.REPRODUCES
+        assert compare("x", 10.0, 10.6, 0.5).verdict is Match.DOES_NOT
+        assert compare("x", 10.0, float("nan"), 0.5).verdict is Match.DOES_NOT
 
     def test_a_reading_qualifies_it(self) -> None:
         row = compare("x", 10.0, 10.0, 0.5, reading="k in kPa", note="and more")
-        assert (row.verdict, row.note) == (Verdict.ONLY_UNDER, "k in kPa; and more")
-        assert compare("x", 10.0, 11.0, 0.5, reading="k in kPa").verdict is Verdict.DOES_NOT
+        assert (row.verdict, row.note) == (Match.ONLY_UNDER, "k in kPa; and more")
+        assert compare("x", 10.0, 11.0, 0.5, reading="k in kPa").verdict is Match.DOES_NOT
 
     def test_a_claim_in_words(self) -> None:
-        assert holds("better", True, "yes").verdict is Verdict.REPRODUCES
-        assert holds("better", False, "no").verdict is Verdict.DOES_NOT
+        assert holds("better", True, "yes").verdict is Match.REPRODUCES
+        assert holds("better", False, "no").verdict is Match.DOES_NOT
 
 
 def test_spread_is_mean_and_sample_deviation() -> None:
@@ -111,7 +111,7 @@ class TestCommand:
     def test_an_unknown_key_is_wrong_usage(self, tmp_path: Path) -> None:
         result = CliRunner().invoke(app, ["reproduce", "Z", "--out", str(tmp_path)])
         assert result.exit_code == 2
-        assert "no paper 'Z'" in result.stderr
+        assert "paper 'Z' is unknown" in result.stderr
         assert not list(tmp_path.iterdir())
 
 

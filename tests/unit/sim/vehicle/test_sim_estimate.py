@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from sim.aircraft import Truth
+from sim.aircraft_state import Truth
 from sim.sensors.barometer import Pressure
 from sim.sensors.gnss import Fix
 from sim.vehicle.own_estimate import ORIGIN_DELAY_S, EstimateConfig, OwnEstimate

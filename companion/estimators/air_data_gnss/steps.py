@@ -1,0 +1,400 @@
+"""Barometer compensated for bias and scale factor from GNSS height and air temperature.
+
+I-H. Whang, W-S. Ra, "Simple Altitude Estimator using Air-Data and GPS Measurements", IFAC World
+Congress 2008. The paper's letters:
+
+==================  =========================  ========================================================================
+h^B                 ``baro``                   height of the standard atmosphere at the measured pressure (1)
+h^GPS               ``fix_m``                  GNSS height
+a, b                ``error``                  scale-factor and bias error, h^B - h = a (h - H_0) + b (2)
+P^a, P^b            ``error.P``                their covariance; diagonal with ``covariance: marginal``
+lambda              `scale_of_temperature`     pseudo measurement of a from temperature (6)
+z, R                `z_innovation`             h^B - h^GPS (10), its variance R^B + R^GPS
+x, P                ``motion.x``, ``motion.P``   height and climb of the alpha-beta filter (33), (34)
+h^c                 `compensate`               compensated barometer height (32)
+Gamma               ``L0_KPM``                 lapse rate of the standard atmosphere
+H_0, T_0            ``H_0``, ``T_0``           reference height, and the standard temperature there
+==================  =========================  ========================================================================
+
+A cycle is one barometer sample: predict height and climb (33), add Q^a and Q^b (17), (18),
+lambda-update (20)-(22) with the predicted height, z-update (25)-(31) when a fix has come,
+compensate (32), correct height and climb. The paper's Gaussian-approximation z-update is that of a
+Kalman filter for [a, b] whose correlation is dropped afterwards (shown in
+tests/oracles/test_air_data_gnss.py), so one `kalman.correct` serves both the paper's filter and the
+joint one.
+
+Errata
+------
+(2)-(4), (6): a = T_0/T_0' - 1, so lambda has a minus; as printed, +15 K puts 1600 m at 1450 m. (7) divides by T_0^2,
+and the spread of the lapse rate is K/m. z^a and S^a of (23) divide by h^GPS and are not formed. The regressor of (10)
+is the predicted height above H_0, not h^GPS. 1 + a is held at .5 or above.
+
+Departures
+----------
+- H_0 and T_0 are not latched at launch, since no first fix can be trusted: they are those of the
+  standard atmosphere, and h^B is its full column in geometric metres. For a constant lapse rate its
+  error is exactly affine in height.
+- Q^a, Q^b, Q^h grow with time, so that every sample rate means the same; the paper's are for steps
+  of 0.2 s.
+- A fix meets the barometer height of its own time; one that is newer than the barometer waits for
+  the next sample.
+- A temperature is trusted when it is a sample of AIR. That of SCALED_PRESSURE is the sensor die's,
+  10-30 K above the air, and unused by default; ``temperature: die`` subtracts ``die_offset_k``,
+  with a spread to match.
+- Preset ``tuned``: slow walks (b by 3 m in 200 s), the joint covariance, lambda = T_0/T_0' - 1
+  without linearising, temperatures that are news only once a minute (the lapse rate's error changes
+  no sooner), and the height moves with a new correction instead of filtering it, since a new b is
+  no climb. Innovations beyond 3 sigma (barometer: 5) lose weight. When they last (10 s; barometer:
+  1/4 s) the barometer has jumped, or a and b are wrong, and are learned anew.
+- Without a barometer for three seconds the alpha-beta filter follows GNSS heights.
+- ``altitude_sd_m`` is not the paper's P, whose Q^b means 45 m a second. It is the covariance of the
+  correction after the last fix, grown as weather moves it, plus the barometer's noise and the half
+  of the GNSS variance that is correlated over minutes and does not average out.
+
+It uses no IMU.
+
+Breaks when
+-----------
+GNSS wanders for minutes: it is taken for white, so b follows it. A barometer freezes in a climb: that looks like a = -1
+until the fixes have contradicted it for long. Temperature above 11 km is not used, (5) ends there. With the paper's Q^b
+the output is noisier than the barometer: 38 m rms from 70 m GPS, where the raw barometer has 6 m.
+"""
+
+import math
+
+from companion.estimators.air_data_gnss.error import (
+    ERROR,
+    compensate,
+    error_start,
+    lambda_update,
+    predict_error,
+    z_correct,
+    z_innovation,
+)
+from companion.estimators.air_data_gnss.motion import (
+    MOTION,
+    P_H0_M2,
+    correct_motion,
+    motion_start,
+    predict_motion,
+    restart_motion,
+)
+from companion.estimators.air_data_gnss.settings import AirDataGnssSettings
+from companion.estimators.judging import (
+    AIR,
+    GATED,
+    GNSS,
+    HIGHEST_AIR_K,
+    IGNORED,
+    INVALID,
+    LOWEST_AIR_K,
+    PRESSURE,
+    STALE,
+    STATUS,
+    USED,
+    forget,
+    is_stale,
+    judge_gnss,
+    judge_pressure,
+    place,
+    reset,
+    state_dtype,
+    tally,
+)
+from companion.estimators.method import Method
+from companion.jit import step
+from companion.kernels.atmosphere import baro_altitude_m
+from companion.kernels.gnss import gnss_sd_m
+from companion.kernels.kalman import spread
+from companion.kernels.ring import at, clear, push, ring_fields
+from companion.samples import Kind, Rows, Tables, readable, rows
+
+LOWEST_PA, HIGHEST_PA = 1_000.0, 120_000.0
+SILENCE_US = 3_000_000
+AIR_REACH_US = 10_000_000
+"""Longest age of a temperature that still belongs to the height of the next pressure."""
+RING_SIZE = 128  # the delay horizon of a second and more, at 100 Hz
+WEATHER_M2PS = 0.05
+"""Variance rate with which weather moves the correction while there is no fix: 3 m in 200 s, 13 m
+in an hour."""
+CORRELATED_SHARE = 0.5
+"""Share of the variance of a GNSS height that does not average out: ionosphere, orbits, multipath."""
+
+STATE = state_dtype(
+    ("error", ERROR),
+    ("motion", MOTION),
+    ("gnss_alone", "i8"),
+    *ring_fields("baro", RING_SIZE),  # h^B of the last second or so
+    ("baro_m", "f8"),  # the newest of them
+    ("temperature_k", "f8"),  # waits for the next pressure
+    ("fix_us", "i8"),  # a fix that waits for the next pressure, -1 none
+    ("fix_m", "f8"),
+    ("fix_var_m2", "f8"),  # R^GPS of the last fix
+    ("slow_var_m2", "f8"),  # the part of the reported variance that does not average out
+    ("since_us", "i8"),  # the first fix: how long the barometer has been awaited
+)
+
+
+def init(params: Rows) -> Rows:
+    """A fresh state: nothing known."""
+    state = rows(STATE)
+    start(state, params)
+    return readable(state)
+
+
+@step
+def start(state: Rows, params: Rows) -> None:
+    """Forget everything but the counters."""
+    s = state[0]
+    reset(state)
+    clear(s.baro_us, s.baro_values)
+    error_start(s.error, params)
+    motion_start(s.motion)
+    s.fix_us, s.since_us = -1, -1
+    s.gnss_alone = 0
+    s.baro_m, s.temperature_k = math.nan, math.nan
+    s.fix_m, s.fix_var_m2, s.slow_var_m2 = math.nan, math.nan, 0.0
+
+
+@step
+def baro_at(state: Rows, time_us: int) -> float:
+    """h^B at an instant, carried on with the climb when that is newer than the newest; NaN when
+    there is none near."""
+    s = state[0]
+    baro = at(s.baro_us, s.baro_values, time_us, SILENCE_US)
+    newer_s = max(0.0, (time_us - s.last_us[PRESSURE, 0]) * 1e-6)
+    return baro + (1.0 + s.error.x[0]) * s.motion.x[1] * newer_s
+
+
+@step
+def z_update(state: Rows, params: Rows, time_us: int, fix_m: float, R_GPS: float) -> int:
+    """A height of variance R_GPS against the barometer at its own time; STALE when none is near."""
+    s = state[0]
+    baro = baro_at(state, time_us)
+    if math.isnan(baro):
+        return STALE
+    innovation = z_innovation(s.error, s.motion, params, s.baro_m - baro, baro, fix_m)
+    return z_correct(s.error, s.motion, params, time_us, innovation, R_GPS)
+
+
+@step
+def fuse_waiting_fix(state: Rows, params: Rows) -> None:
+    """The z-update of the fix that waited for the barometer."""
+    s = state[0]
+    if s.fix_us >= 0:
+        z_update(state, params, s.fix_us, s.fix_m, s.fix_var_m2)
+        s.fix_us = -1
+
+
+@step
+def fuse_temperature(state: Rows, params: Rows, die_temperature_k: float, time_us: int) -> None:
+    """The lambda-update with the temperature that waits, else with that of the die where it is
+    allowed to stand in."""
+    s, p = state[0], params[0]
+    air_is_near = s.last_us[AIR, 0] >= 0 and time_us - s.last_us[AIR, 0] <= AIR_REACH_US
+    if air_is_near and not math.isnan(s.temperature_k):
+        lambda_update(s.error, s.motion, params, s.temperature_k, p.R_T, time_us)
+    elif not air_is_near and p.use_die == 1 and not math.isnan(die_temperature_k):
+        lambda_update(
+            s.error, s.motion, params, die_temperature_k - p.die_offset_k, p.R_die, time_us
+        )
+    s.temperature_k = math.nan
+
+
+@step
+def predict(state: Rows, params: Rows, time_us: int) -> None:
+    """Bring height and errors to the time of a barometer height (17), (18), (33)."""
+    s, p = state[0], params[0]
+    if s.motion.time_us < 0 or time_us - s.motion.time_us > SILENCE_US:
+        restart_motion(s.motion, compensate(s.baro_m, s.error.x[0], s.error.x[1], p.H_0), P_H0_M2)
+        s.gnss_alone = 0
+    elif time_us > s.motion.time_us:
+        predict_motion(s.motion, params, (time_us - s.motion.time_us) * 1e-6)
+    s.motion.time_us = max(s.motion.time_us, time_us)
+    predict_error(s.error, params, time_us)
+
+
+@step
+def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
+    """One cycle of the paper."""
+    s, p = state[0], params[0]
+    if sample[0].instance != 0:
+        return tally(state, PRESSURE, IGNORED)
+    verdict = judge_pressure(state, sample, LOWEST_PA, HIGHEST_PA)
+    if verdict != USED:
+        return tally(state, PRESSURE, verdict)
+    time_us = sample[0].time_us
+    place(state, PRESSURE, 0, time_us)
+    s.baro_m = baro_altitude_m(sample[0].pressure_pa)
+    push(s.baro_us, s.baro_values, time_us, s.baro_m)
+    predict(state, params, time_us)
+    fuse_temperature(state, params, sample[0].die_temperature_k, time_us)
+    if s.gnss_alone == 1:  # the barometer is back: what GNSS told meanwhile is a fix
+        z_update(state, params, time_us, s.motion.x[0], s.motion.P[0, 0])
+        s.gnss_alone = 0
+    fuse_waiting_fix(state, params)
+    a, b = s.error.x[0], s.error.x[1]
+    h_c = compensate(s.baro_m, a, b, p.H_0)
+    R_h = p.R_B / ((1.0 + a) * (1.0 + a))
+    if p.carried == 0:
+        s.error.H[0], s.error.H[1] = h_c - p.H_0, 1.0
+        R_h += spread(s.error.P, s.error.H) / ((1.0 + a) * (1.0 + a))
+    verdict = correct_motion(s.motion, s.error, params, h_c, R_h, time_us)
+    write_estimate(state, params, estimate)
+    return tally(state, PRESSURE, verdict)
+
+
+@step
+def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
+    """A fix meets the barometer height of its own time, at once or when that comes; without a
+    barometer it leads."""
+    s, p = state[0], params[0]
+    if sample[0].instance != 0:
+        return tally(state, GNSS, IGNORED)
+    verdict = judge_gnss(state, sample)
+    if verdict != USED:
+        return tally(state, GNSS, verdict)
+    time_us, fix_m = sample[0].time_us, sample[0].altitude_amsl_m
+    place(state, GNSS, 0, time_us)
+    fuse_waiting_fix(state, params)
+    sd_m = gnss_sd_m(sample, p.gnss_sd_floor_m, p.gnss_sd_unknown_m)
+    s.slow_var_m2 = CORRELATED_SHARE * sd_m * sd_m
+    s.fix_var_m2 = sd_m * sd_m if math.isnan(p.R_GPS) else p.R_GPS
+    if s.since_us < 0:
+        s.since_us = time_us
+    if time_us - max(s.since_us, s.last_us[PRESSURE, 0]) > SILENCE_US:
+        verdict = follow_gnss(state, params, time_us, fix_m)
+    elif time_us <= s.last_us[PRESSURE, 0]:
+        verdict = z_update(state, params, time_us, fix_m, s.fix_var_m2)
+    else:
+        s.fix_us, s.fix_m = time_us, fix_m
+        verdict = foreseen(state, params)
+    write_estimate(state, params, estimate)
+    return tally(state, GNSS, verdict)
+
+
+@step
+def foreseen(state: Rows, params: Rows) -> int:
+    """What will become of the waiting fix, unless the barometer jumps."""
+    s, p = state[0], params[0]
+    baro = baro_at(state, s.fix_us)
+    if math.isnan(baro):
+        return USED
+    innovation = z_innovation(s.error, s.motion, params, s.baro_m - baro, baro, s.fix_m)
+    S = spread(s.error.P, s.error.H) + p.R_B + s.fix_var_m2
+    return GATED if innovation * innovation > p.gnss_gate * p.gnss_gate * S else USED
+
+
+@step
+def follow_gnss(state: Rows, params: Rows, time_us: int, fix_m: float) -> int:
+    """No barometer: the alpha-beta filter takes GNSS heights."""
+    s = state[0]
+    s.gnss_alone = 1
+    if s.motion.time_us < 0 or time_us - s.motion.time_us > SILENCE_US:
+        restart_motion(s.motion, fix_m, s.fix_var_m2)
+        s.motion.time_us = time_us
+        return USED
+    late_s = max(0.0, (s.motion.time_us - time_us) * 1e-6)
+    if time_us > s.motion.time_us:
+        predict_motion(s.motion, params, (time_us - s.motion.time_us) * 1e-6)
+        s.motion.time_us = time_us
+    return correct_motion(
+        s.motion, s.error, params, fix_m + s.motion.x[1] * late_s, s.fix_var_m2, time_us
+    )
+
+
+@step
+def on_air(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
+    """A temperature of the air waits for the next pressure, whose height it belongs to."""
+    s = state[0]
+    instance, T = sample[0].instance, sample[0].air_temperature_k
+    if params[0].use_air == 0 or instance != 0 or (math.isnan(T) and sample[0].qnh_pa > 0.0):
+        return tally(state, AIR, IGNORED)  # a QNH alone says nothing that GNSS does not
+    if not LOWEST_AIR_K <= T <= HIGHEST_AIR_K:
+        return tally(state, AIR, INVALID)
+    if is_stale(state, AIR, instance, sample[0].time_us):
+        return tally(state, AIR, STALE)
+    place(state, AIR, instance, sample[0].time_us)
+    s.temperature_k = T
+    return tally(state, AIR, USED)
+
+
+@step
+def write_estimate(state: Rows, params: Rows, estimate: Rows) -> None:
+    """Height and climb as filtered, and the error to expect of them (see Departures)."""
+    s, p = state[0], params[0]
+    if s.motion.time_us < 0:
+        return
+    variance = s.motion.P[0, 0] + s.slow_var_m2
+    if s.gnss_alone == 0:
+        s.error.H[0], s.error.H[1] = s.motion.x[0] - p.H_0, 1.0
+        age_s = (
+            0.0
+            if s.error.settled_us < 0
+            else max(0.0, (s.motion.time_us - s.error.settled_us) * 1e-6)
+        )
+        variance = (
+            spread(s.error.P_settled, s.error.H)
+            + WEATHER_M2PS * age_s
+            + min(p.R_B, s.motion.P[0, 0])
+            + s.slow_var_m2
+        )
+    estimate[0].time_us = s.motion.time_us
+    estimate[0].altitude_amsl_m = s.motion.x[0]
+    estimate[0].climb_mps = s.motion.x[1]
+    estimate[0].altitude_sd_m = math.sqrt(variance)
+    estimate[0].climb_sd_mps = math.sqrt(s.motion.P[1, 1])
+    estimate[0].baro_offset_m = (
+        math.nan
+        if s.gnss_alone == 1
+        else compensate(s.baro_m, s.error.x[0], s.error.x[1], p.H_0) - s.baro_m
+    )
+    estimate[0].innovation_m = s.error.innovation_m
+    estimate[0].baro_scale = s.error.x[0]
+
+
+@step
+def on_status(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
+    """A reboot restarts the vehicle's clock: start anew."""
+    if sample[0].reboot == 1:
+        start(state, params)
+        forget(estimate)
+    return tally(state, STATUS, USED)
+
+
+@step
+def run(state: Rows, params: Rows, tables: Tables, estimates: Rows, verdicts: Rows) -> None:
+    """The steps over a whole log, in order of arrival."""
+    estimate = estimates[:0]
+    for i in range(tables.order.size):
+        kind, row = tables.order[i].kind, tables.order[i].row
+        if i > 0:
+            estimates[i] = estimates[i - 1]
+        estimate = estimates[i : i + 1]
+        if kind == PRESSURE:
+            verdicts[i] = on_pressure(state, params, tables.pressure[row : row + 1], estimate)
+        elif kind == GNSS:
+            verdicts[i] = on_gnss(state, params, tables.gnss[row : row + 1], estimate)
+        elif kind == AIR:
+            verdicts[i] = on_air(state, params, tables.air[row : row + 1], estimate)
+        elif kind == STATUS:
+            verdicts[i] = on_status(state, params, tables.status[row : row + 1], estimate)
+
+
+METHOD = Method(
+    name="air-data-gnss",
+    summary="barometer bias and scale factor from GNSS height and air temperature",
+    citation="Whang, Ra 2008",
+    settings=AirDataGnssSettings,
+    state=STATE,
+    init=init,
+    steps={
+        Kind.PRESSURE: on_pressure,
+        Kind.GNSS: on_gnss,
+        Kind.AIR: on_air,
+        Kind.STATUS: on_status,
+    },
+    run=run,
+    datum_invariant=False,
+    follows_baro_step=True,
+)

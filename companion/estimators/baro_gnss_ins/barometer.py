@@ -1,0 +1,96 @@
+"""The barometer as a measurement of the GNSS/INS filter: spike gate, residual (15), row (16)."""
+
+import math
+
+import numpy as np
+
+from companion.estimators.baro_gnss_ins.corrections import watch_height
+from companion.estimators.baro_gnss_ins.filter import BARO_BIAS, BARO_SCALE, DOWN, GATE
+from companion.estimators.baro_gnss_ins.spikes import (
+    SCALE_HEIGHT_M,
+    SPIKES,
+    accepts,
+    noise_pa,
+    spikes_start,
+)
+from companion.estimators.baro_gnss_ins.strapdown import POSITION, VELOCITY
+from companion.estimators.judging import GATED, USED
+from companion.jit import step
+from companion.kernels.kalman import correct, inflated, spread
+from companion.samples import Record, Rows
+
+HELD_M = 10.0
+"""h_m of (16) is held while the altitude is this near: s is known well enough for that."""
+STEP_SAMPLES = 15
+
+BAROMETER = np.dtype(
+    [
+        ("spikes", SPIKES),
+        ("pressure_pa", "f8"),  # the last one, NaN none
+        ("h_p_m", "f8"),  # its altitude
+        ("h_m", "f8"),  # the altitude in H, held in level flight
+        ("one_sided", "i8"),  # innovations beyond the gate in a row, negative on the lower side
+    ],
+    align=True,
+)
+"""The record of this component."""
+
+
+@step
+def barometer_start(baro: Record, params: Rows) -> None:
+    """Nothing known."""
+    spikes_start(baro.spikes, params[0].spike_gate_pa)
+    baro.pressure_pa, baro.h_p_m, baro.h_m = math.nan, math.nan, math.nan
+    baro.one_sided = 0
+
+
+@step
+def is_spike(ins: Record, baro: Record, params: Rows, time_us: int) -> bool:
+    """Whether the gate refuses the newest pressure. A jump that the gate accepts widens b."""
+    if accepts(baro.spikes, time_us, baro.pressure_pa, params[0].spike_gate_pa):
+        return False
+    jump_m = baro.spikes.jump_pa * SCALE_HEIGHT_M / baro.pressure_pa
+    ins.P[BARO_BIAS, BARO_BIAS] += jump_m * jump_m
+    return True
+
+
+@step
+def correct_baro(
+    ins: Record, baro: Record, params: Rows, dt_b: float, elapsed_s: float, is_news: bool
+) -> int:
+    """The residual z of (15) with the row H of (16); `dt_b` is the barometer's time less the
+    state's.
+
+    GATED is only what repeats an old value and contradicts the state.
+    """
+    h_p, H = baro.h_p_m, ins.H
+    z = h_p - (ins.position[2] - ins.velocity_n_mps[DOWN] * dt_b - ins.b_m - ins.s * h_p)
+    expected_m = (ins.position[2] - ins.velocity_n_mps[DOWN] * dt_b - ins.b_m) / (1.0 + ins.s)
+    if not abs(expected_m - baro.h_m) <= HELD_M:
+        baro.h_m = expected_m
+    H[POSITION + DOWN], H[VELOCITY + DOWN], H[BARO_BIAS], H[BARO_SCALE] = (
+        -1.0,
+        -dt_b,
+        -1.0,
+        -baro.h_m,
+    )
+    sd_m = max(
+        params[0].baro_sd_m, noise_pa(baro.spikes, elapsed_s) * SCALE_HEIGHT_M / baro.pressure_pa
+    )
+    R = sd_m * sd_m
+    S = spread(ins.P, H) + R
+    beyond = z * z > GATE * GATE * S
+    if is_news:
+        side = 1 if z > 0.0 else -1
+        baro.one_sided = (
+            (baro.one_sided + side if baro.one_sided * side > 0 else side) if beyond else 0
+        )
+        if abs(baro.one_sided) >= STEP_SAMPLES:
+            ins.P[BARO_BIAS, BARO_BIAS] += z * z
+            S += z * z
+            baro.one_sided = 0
+        correct(ins.dx, ins.P, H, ins.K, z, inflated(z, S, R, GATE))
+        watch_height(ins, params, z, S, elapsed_s)
+    for i in range(H.size):
+        H[i] = 0.0
+    return GATED if beyond and not is_news else USED

@@ -1,0 +1,41 @@
+"""Settings that the two baro-inertial filters share."""
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from companion.estimators.baro_inertial.inputs import MOST_START_FIXES
+from companion.estimators.params import EstimatorSettings
+
+
+class InputSettings(EstimatorSettings):
+    """Keys that the sections of both filters share."""
+
+    start_altitude_m: float | None = Field(None, ge=-1000, le=20_000)
+    """height above mean sea level of the place of the start, where it is known; otherwise from GNSS"""
+    start_fixes: int = Field(15, ge=1, le=MOST_START_FIXES)
+    """how many credible GNSS heights the start is the median of"""
+    start_temperature_k: Annotated[float, Field(gt=150, le=350)] | Literal["standard", "die"] = (
+        "standard"
+    )
+    """air temperature at the start: a number, the standard atmosphere's, or the sensor die's less
+    die_excess_k"""
+    die_excess_k: float = Field(20.0, ge=0, le=60)
+    """how much warmer the sensor is than the air"""
+    use_attitude: bool = True
+    """take the autopilot's roll and pitch while they agree with our own"""
+    gnss_sd_floor_m: float = Field(1.0, gt=0, le=100)
+    """a claimed spread below this is not believed"""
+    gnss_sd_unknown_m: float = Field(13.0, gt=0, le=1000)
+    """spread of a receiver that claims nothing"""
+    pressure_drift_mps: float = Field(0.003, ge=0, le=10)
+    """how fast weather moves the pressure level: 10 m an hour is usual, 30 a front"""
+
+    def derived(self) -> Mapping[str, Any]:
+        temperature = self.start_temperature_k
+        return {
+            "start_temperature_k": math.nan if isinstance(temperature, str) else temperature,
+            "use_die_temperature": int(temperature == "die"),
+        }

@@ -1,0 +1,1 @@
+"""The sections of the evaluation, one module each with a function `evaluate(context)`."""

@@ -1,0 +1,395 @@
+"""Section ``real``: real flights with truth, real GNSS errors, injected faults, and what the
+companion would publish."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from companion.estimators import DEFAULT_ESTIMATOR
+from sim.studies.goals import Context
+from sim.studies.goals.goals import Measured
+from sim.studies.goals.section import SectionPage
+from sim.studies.page import Value
+from sim.studies.real import found
+from sim.studies.real.faults import try_all, windows
+from sim.studies.real.gnss_errors import recorded
+from sim.studies.real.matrix import Cell, Trace, cells, fly, group
+from sim.studies.runs import Done, Row, executor_of, kept_parts, run
+
+LONG_MIN = 30.0
+"""flights that are shorter have too few independent errors to be compared with raw GNSS"""
+ALLOWED_ABOVE = 1e-3
+
+
+def evaluate(context: Context) -> SectionPage:
+    """Fly the matrix and the faults on a process pool, then fill the page."""
+    page = SectionPage("real", context)
+    paths = found(context.data) if context.data is not None else []
+    if context.data is None or not paths:
+        page.text("Not run: `--data` names no folder with real flights.")
+        return page
+    context.progress(0.0, "looking for stationary receivers")
+    traces = _traces(context.data)
+    jobs: list[Any] = list(cells(paths, traces, context.seeds))
+    jobs += [_with_elevation(cell) for cell in jobs if _asks_elevation(cell)]
+    faulty = list(windows(paths, _onsets(context)))
+    total = len(jobs) + len(faulty)
+    parts = kept_parts()
+
+    def report(start: int) -> Callable[[int, Done[Any] | None], None]:
+        return lambda done, _: context.progress(
+            (start + done) / total, f"{start + done} of {total} jobs"
+        )
+
+    with executor_of(context.workers) as executor:
+        flown = run(
+            fly, jobs, executor, parts=parts, weight=lambda each: each.plan.imu_hz,
+            on_done=report(0),
+        )  # fmt: skip
+        tried = run(
+            try_all, faulty, executor, parts=parts, weight=lambda each: each.imu_hz,
+            on_done=report(len(jobs)),
+        )  # fmt: skip
+    rows = [row for done in flown for row in done.rows]
+    faults = [row for done in tried for row in done.rows]
+    page.measured(*_matrix_goals(rows), *_rtk_goals(rows), *_fault_goals(faults))
+    page.text(_ABOUT.format(flights=", ".join(sorted({row["flight"] for row in rows}))))
+    _matrix_part(page, rows)
+    _fault_part(page, faults)
+    _failures(page, [*flown, *tried])
+    return page
+
+
+def _onsets(context: Context) -> int:
+    """Fault windows a flight and IMU rate: 3 for 8 seeds, 6 for 20."""
+    return context.seeds // 4 + 1
+
+
+def _traces(data: Path) -> list[Trace]:
+    return [Trace(stretch.path, stretch.number) for stretch in recorded(data)]
+
+
+def _asks_elevation(cell: Cell) -> bool:
+    return not cell.own_gnss and cell.trace is None and cell.plan.imu_hz in (0, 50)
+
+
+def _with_elevation(cell: Cell) -> Cell:
+    return replace(cell, plan=replace(cell.plan, field_elevation=True), others=False)
+
+
+# Goals
+
+
+def _own(rows: Sequence[Row]) -> list[Row]:
+    """Rows of the default estimator on flights that are long enough, without what is not known to
+    every user."""
+    return [
+        row
+        for row in rows
+        if row["estimator"] == DEFAULT_ESTIMATOR
+        and row["error"] != "own"
+        and row["minutes"] >= LONG_MIN
+        and not row["field_elevation"]
+    ]
+
+
+def _mean(rows: Sequence[Row], value: Callable[[Row], float]) -> float:
+    values = np.array([value(row) for row in rows], np.float64)
+    values = values[np.isfinite(values)]
+    return float(np.mean(values)) if values.size else math.nan
+
+
+def _worst(rows: Sequence[Row], value: Callable[[Row], float]) -> tuple[float, str]:
+    """The largest value, and whose it is."""
+    if not rows:
+        return math.nan, ""
+    row = max(rows, key=lambda each: -math.inf if math.isnan(value(each)) else value(each))
+    return value(row), _cell_name(row)
+
+
+def _cell_name(row: Row) -> str:
+    attitude = "attitude" if row["attitude"] else "no attitude"
+    return (
+        f"{row['flight']}, IMU {row['imu_hz']} Hz, {attitude}, lag {row['lag_s']:g} s taken out, "
+        f"{row['error']} error, seed {row['seed']}"
+    )
+
+
+def _ratio(row: Row) -> float:
+    return float(row["rmse_m"] / row["raw_rmse_m"])
+
+
+def _max_ratio(row: Row) -> float:
+    return float(row["max_m"] / row["raw_max_m"])
+
+
+def _matrix_goals(rows: Sequence[Row]) -> list[Measured]:
+    own = _own(rows)
+    if not own:
+        return []
+    found_goals = []
+    for (imu_hz,), each in group(own, "imu_hz").items():
+        note = f"{len(each)} runs"
+        found_goals.append(
+            Measured("real-ratio", f"IMU {imu_hz} Hz", _mean(each, _ratio), 0.75, note=note)
+        )
+    worst, where = _worst(own, _ratio)
+    found_goals.append(Measured("real-ratio", "worst", worst, 1.1, note=where))
+    worst, where = _worst(own, _max_ratio)
+    found_goals += [
+        Measured("real-max", "mean", _mean(own, _max_ratio), 1.2),
+        Measured("real-max", "worst", worst, 2.0, note=where),
+    ]
+    for (error, flight), each in group(own, "error", "flight").items():
+        nees = _mean(each, lambda row: row["nees"])
+        seeds = len({row["seed"] for row in each})
+        note = f"{seeds} errors"
+        found_goals.append(Measured("real-nees", f"{flight}, {error}", nees, 1.4, 0.7, note=note))
+    return found_goals + _sent_goals(own) + _takeoff_goals(rows)
+
+
+def _sent_goals(own: Sequence[Row]) -> list[Measured]:
+    least, where = _worst(own, lambda row: -row["sent_share"])
+    longest, dishonest = _worst(own, lambda row: row["ok_wrong_s"])
+    sent = sum(row["sent"] for row in own)
+    above = sum(row["sent_above_level"] for row in own)
+    wrong = sum(row["sent_wrong"] for row in own)
+    hours = sum(row["hours"] for row in own)
+    episodes = sum(row["exceedances"] for row in own)
+    fast = [row for row in own if row["imu_hz"] == 50]
+    return [
+        Measured("real-sent", "least share", -100.0 * least, None, 98.0, "%", note=where),
+        Measured("real-sent", "> 50 m wrong", wrong, 0.0, note=f"of {sent}"),
+        Measured("real-health", "longest", longest, 5.0, unit="s", note=dishonest),
+        Measured(
+            "real-level", "median", _mean(own, lambda row: row["median_level_m"]), 13.0, unit="m"
+        ),
+        Measured(
+            "real-level",
+            "ALTITUDE beyond it",
+            above / sent if sent else math.nan,
+            ALLOWED_ABOVE,
+            note=f"{above} of {sent}; {episodes} episodes in {hours:.0f} h",
+        ),
+        Measured(
+            "real-cost", "", _mean(fast, lambda row: row["cost_us"]), 4.0, unit="us",
+            note="depends on the machine and its load",
+        ),
+    ]  # fmt: skip
+
+
+def _takeoff_goals(rows: Sequence[Row]) -> list[Measured]:
+    known = [row for row in rows if row["field_elevation"]]
+    return [
+        Measured(
+            "real-takeoff",
+            flight,
+            _mean(each, lambda row: row["takeoff_rmse_m"]),
+            3.0,
+            unit="m",
+            note=f"{len(each)} runs",
+        )
+        for (flight,), each in group(known, "flight").items()
+    ]
+
+
+def _rtk_goals(rows: Sequence[Row]) -> list[Measured]:
+    own = [row for row in rows if row["error"] == "own" and row["estimator"] == DEFAULT_ESTIMATOR]
+    found_goals = []
+    for (flight,), each in group(own, "flight").items():
+        ratio, where = _worst(each, _ratio)
+        level, _ = _worst(each, lambda row: row["median_level_m"])
+        honest = _mean(each, lambda row: row["rmse_m"] / row["median_sd_m"])
+        found_goals += [
+            Measured("real-rtk", f"{flight}, RMSE / receiver's, worst", ratio, 1.5, note=where),
+            Measured("real-rtk", f"{flight}, RMSE / spread", honest, 2.0, 0.5),
+            Measured("real-rtk", f"{flight}, level, worst", level, 0.5, unit="m"),
+        ]
+    return found_goals
+
+
+_FAULT_LIMITS: dict[str, tuple[str, float | None, float | None, float | None]] = {
+    "GNSS +30 m": ("real-gnss-step", 1.0, 15.0, 2.0),
+    "GNSS -30 m": ("real-gnss-step", 1.0, 15.0, 2.0),
+    "GNSS +100 m": ("real-gnss-step", 1.0, 15.0, 2.0),
+    "GNSS +100 m, claims 1 mm": ("real-gnss-step", 1.0, 15.0, 2.0),
+    "GNSS +300 m, claims 0.5 m": ("real-gnss-step", 1.0, 15.0, 2.0),
+    "GNSS +500 m, claims 1.5 m": ("real-gnss-step", 1.0, 15.0, 2.0),
+    "GNSS +30 m for 10 min": ("real-gnss-step", 1.0, 15.0, None),
+    "GNSS +2 m/s": ("real-gnss-ramp", 12.0, 12.0, None),
+    "GNSS +1 m/s": ("real-gnss-ramp", 40.0, 25.0, None),
+    "GNSS +0.5 m/s": ("real-gnss-ramp", None, 50.0, None),
+    "GNSS +0.3 m/s": ("real-gnss-ramp", None, 50.0, None),
+    "barometer +15 m": ("real-baro-step", 0.5, 10.0, None),
+    "barometer -15 m": ("real-baro-step", 0.5, 10.0, None),
+    "barometer frozen": ("real-baro-step", 0.5, 10.0, None),
+    "barometer +50 m in 2 s, no GNSS": ("real-baro-blind", None, 15.0, None),
+    "barometer +50 m in 20 s, no GNSS": ("real-baro-blind", None, 15.0, None),
+    "barometer +300 m in 20 s, no GNSS": ("real-baro-blind", None, 15.0, None),
+}
+"""Case -> goal, and at most: named within (s), published error (m), back after the end (s)."""
+_RETURNS = ("outage of 60 s", "outage of 300 s", "outage of 600 s", "gap of 60 s",
+            "5 s of contact, then silence", "restart")  # fmt: skip
+
+
+def _late(row: Row, name: str) -> float:
+    """A time that never came is late without end."""
+    value = float(row[name])
+    return math.inf if math.isnan(value) else value
+
+
+def _fault_goals(rows: Sequence[Row]) -> list[Measured]:
+    found_goals = []
+    cases = {case: each for (case,), each in group(rows, "case").items()}
+    for case, (goal, named_s, error_m, back_s) in _FAULT_LIMITS.items():
+        for name, limit, unit, what in (
+            ("named_s", named_s, "s", "named, worst"),
+            ("sent_max_m", error_m, "m", "published error, worst"),
+            ("back_s", back_s, "s", "back, worst"),
+        ):
+            if limit is not None and case in cases:
+                found_goals.append(
+                    _worst_of(goal, f"{case}: {what}", cases[case], name, limit, unit)
+                )
+    for case in _RETURNS:
+        if case in cases:
+            found_goals.append(
+                _worst_of("real-return", case, cases[case], "first_sent_s", 5.0, "s")
+            )
+    outages = [row for case in _RETURNS[:3] for row in cases.get(case, [])]
+    if outages:
+        nees = _mean(outages, lambda row: row["nees"])
+        found_goals.append(Measured("real-outage", "mean", nees, 1.5))
+    return found_goals
+
+
+def _worst_of(
+    goal: str, what: str, rows: Sequence[Row], name: str, limit: float, unit: str
+) -> Measured:
+    values = [_late(row, name) for row in rows]
+    worst = rows[int(np.argmax(values))]
+    met = sum(value <= limit for value in values)
+    note = f"{met} of {len(rows)} within; worst {worst['flight']}, IMU {worst['imu_hz']} Hz"
+    value = max(values)
+    shown = "never" if math.isinf(value) else ""
+    return Measured(
+        goal, what, math.nan if math.isinf(value) else value, limit, None, unit, shown, note
+    )
+
+
+# Tables
+
+
+def _matrix_part(page: SectionPage, rows: Sequence[Row]) -> None:
+    own = _own(rows)
+    lines: list[list[Value]] = []
+    for (flight, error, imu_hz), each in group(own, "flight", "error", "imu_hz").items():
+        lines.append(
+            [
+                flight, error, imu_hz, len(each), *_cells(each),
+            ]
+        )  # fmt: skip
+    page.text("## Without a fault")
+    page.grid(
+        f"{DEFAULT_ESTIMATOR}, means over the runs (the last five: worst, sums)",
+        ["flight", "GNSS error", "IMU Hz", "runs", "RMSE m", "raw GNSS m", "ratio", "NEES",
+         "level m", "climb m/s", "max m", "sent % (least)", "sent > 50 m", "above level", "OK wrong s"],
+        lines,
+    )  # fmt: skip
+    compared = [row for row in rows if row["error"] != "own" and row["seed"] == 1]
+    table: list[list[Value]] = [
+        [estimator, f"{_mean(each, _ratio):.2f}", f"{_worst(each, _ratio)[0]:.2f}",
+         f"{_mean(each, lambda row: row['nees']):.2f}", sum(row["sent_wrong"] for row in each)]
+        for (estimator,), each in group(compared, "estimator").items()
+    ]  # fmt: skip
+    page.grid(
+        "Every estimator, seed 1, all IMU rates",
+        ["estimator", "RMSE / raw GNSS", "worst", "NEES", "sent > 50 m wrong"],
+        table,
+    )
+    receivers = [row for row in rows if row["error"] == "own"]
+    page.grid(
+        "Recorded RTK receiver",
+        ["flight", "IMU Hz", "attitude", "RMSE m", "receiver's m", "spread m", "level m", "max m"],
+        [
+            [row["flight"], row["imu_hz"], "yes" if row["attitude"] else "no",
+             *(f"{row[name]:.3f}" for name in ("rmse_m", "raw_rmse_m", "median_sd_m",
+                                               "median_level_m", "max_m"))]
+            for row in receivers
+        ],
+    )  # fmt: skip
+
+
+def _cells(rows: Sequence[Row]) -> list[Value]:
+    means = [
+        _mean(rows, lambda row: row["rmse_m"]),
+        _mean(rows, lambda row: row["raw_rmse_m"]),
+        _mean(rows, _ratio),
+        _mean(rows, lambda row: row["nees"]),
+        _mean(rows, lambda row: row["median_level_m"]),
+        _mean(rows, lambda row: row["climb_rmse_mps"]),
+        max(row["max_m"] for row in rows),
+        100.0 * min(row["sent_share"] for row in rows),
+    ]
+    counts = [sum(row[name] for row in rows) for name in ("sent_wrong", "sent_above_level")]
+    return [*(f"{value:.2f}" for value in means), *counts,
+            f"{max(row['ok_wrong_s'] for row in rows):.1f}"]  # fmt: skip
+
+
+def _fault_part(page: SectionPage, rows: Sequence[Row]) -> None:
+    page.text(
+        "## Faults injected into real flights\n\n" + _FAULTS.format(onsets=_onsets(page.context))
+    )
+    lines: list[list[Value]] = []
+    for (case, imu_hz), each in group(rows, "case", "imu_hz").items():
+        lines.append(
+            [
+                case, imu_hz, len(each),
+                *(_never(max(_late(row, name) for row in each)) for name in
+                  ("named_s",)),
+                f"{max(row['sent_max_m'] for row in each):.1f}",
+                sum(row["sent_wrong"] for row in each),
+                f"{100.0 * _mean(each, lambda row: row['sent_share']):.0f}",
+                f"{max(row['ok_max_m'] for row in each):.1f}",
+                *(_never(max(_late(row, name) for row in each)) for name in
+                  ("back_s", "first_sent_s", "ok_after_s")),
+            ]
+        )  # fmt: skip
+    page.grid(
+        "Worst over flights and onsets",
+        ["case", "IMU Hz", "runs", "named s", "published error m", "sent > 50 m", "sent % during",
+         "error while OK m", "back s", "first ALTITUDE s", "OK after s"],
+        lines,
+    )  # fmt: skip
+
+
+def _never(value: float) -> str:
+    return "never" if math.isinf(value) else f"{value:.1f}"
+
+
+def _failures(page: SectionPage, done: Sequence[Done[Any]]) -> None:
+    failed = [each for each in done if each.error is not None]
+    if failed:
+        page.text(
+            f"## Failures\n\n{len(failed)} jobs failed; they are tried again by the next run.\n\n"
+            + "\n".join(f"- `{each.job}`: {each.error}" for each in failed[:20])
+        )
+
+
+_ABOUT = """Flights: {flights}. What is real in each is said by its loader (`sim/studies/real`). A cell is one flight
+with one IMU rate, with or without the autopilot's attitude, with 0 or 1 s of the recorded barometer's lag taken
+out, and one error of a cheap receiver laid on: `Gauss-Markov` is 4 m over 250 s and .15 m white; `recorded`
+is what a receiver that stood still did, with the accuracy that it reported. Errors count after the first
+minute. Raw GNSS is the same receiver. "Sent" is what `companion.evaluation.published` says of ALTITUDE: the
+pipeline's own health and output rules over the estimator's output. "OK wrong" is the longest time for which
+health was OK with an error beyond 4 claimed standard deviations. Flights under half an hour are left out of
+the ratios."""
+
+_FAULTS = """{onsets} onsets a flight, evenly spread, at IMU rates of 0, 2 and 50 Hz, Gauss-Markov error, barometer as
+recorded. `named` counts from the onset; `back` from the end of the fault until the estimate stays within 5 m of that
+of the healthy flight; `first ALTITUDE` and `OK after` from the end of the fault. The published error counts from the
+onset to two minutes after the end."""

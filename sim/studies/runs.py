@@ -1,0 +1,236 @@
+"""Jobs of every study on one runner, and the one way to fly a scenario to a log.
+
+A job is a frozen dataclass; a function of one job returns rows (dictionaries that JSON can hold).
+`run` computes rows on a pool of processes or a Dask cluster, keeps the rows of every finished job
+in a folder, and takes them from there when the same job is run again, so that a study that was
+stopped continues. A job that fails has no rows but an error; it is tried again by the next run.
+"""
+
+import hashlib
+import json
+import logging
+import os
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
+from importlib.metadata import version
+from multiprocessing import get_context, parent_process
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from pydantic import BaseModel
+
+import companion
+import sim
+from companion.errors import ConfigError
+from companion.jit import cache_directory, source_hash
+from sim.flight import Flight, Summary
+from sim.scenario import Scenario
+
+Row = dict[str, Any]
+Job = TypeVar("Job")
+Function = Callable[[Job], list[Row]]
+
+KEPT_S = 14 * 86_400.0
+
+
+@dataclass(frozen=True)
+class Done(Generic[Job]):
+    """A job that was run: its rows, or why it failed."""
+
+    job: Job
+    rows: list[Row]
+    error: str | None = None
+
+
+OnDone = Callable[[int, Done[Any] | None], None]
+"""Called with how many jobs are done and the newest one; None for those whose rows were kept."""
+
+
+def run(
+    function: Function[Job],
+    jobs: Sequence[Job],
+    executor: Executor,
+    *,
+    parts: Path | None = None,
+    weight: Callable[[Job], float] | None = None,
+    on_done: OnDone | None = None,
+) -> list[Done[Job]]:
+    """`function` of every job, in the order of `jobs`.
+
+    Parameters
+    ----------
+    function
+        of a module's top level, so that a process can be sent there
+    parts
+        folder where rows are kept; None keeps nothing
+    weight
+        how long a job takes, in any unit: the longest start first, which keeps all workers busy
+    """
+    keys = [key_of(function, job) for job in jobs]
+    done = {key: Done(job, rows) for key, job, rows in _kept(parts, keys, jobs)}
+    if on_done is not None:
+        on_done(len(done), None)
+    todo = {key: job for key, job in zip(keys, jobs, strict=True) if key not in done}
+    ordered = sorted(todo, key=lambda key: -weight(todo[key]) if weight else 0.0)
+    waiting = {executor.submit(_quietly, function, todo[key]): key for key in ordered}
+    for future in as_completed(waiting):
+        key = waiting[future]
+        rows, error = _outcome(future)
+        if error is None and parts is not None:
+            _keep(parts / f"{key}.json", rows)
+        done[key] = Done(todo[key], rows, error)
+        if on_done is not None:
+            on_done(len(done), done[key])
+    return [done[key] for key in keys]
+
+
+def _kept(
+    parts: Path | None, keys: Sequence[str], jobs: Sequence[Job]
+) -> Iterator[tuple[str, Job, list[Row]]]:
+    for key, job in zip(keys, jobs, strict=True):
+        path = parts / f"{key}.json" if parts is not None else None
+        if path is not None and path.exists():
+            yield key, job, json.loads(path.read_text(encoding="utf-8"))
+
+
+def _keep(path: Path, rows: list[Row]) -> None:
+    """Write the rows of a job; the file appears whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_suffix(".partial")
+    partial.write_text(json.dumps(rows), encoding="utf-8")
+    partial.replace(path)
+
+
+def _outcome(future: "Future[list[Row]]") -> tuple[list[Row], str | None]:
+    try:
+        return future.result(), None
+    except BrokenProcessPool:
+        return [], "a worker process was killed, and this job with it"
+    except Exception as error:  # a job that fails is a result, whatever failed
+        return [], f"{error}" or type(error).__name__
+
+
+def _quietly(function: Function[Job], job: Job) -> list[Row]:
+    """Faults are injected on purpose: what the companion logs of them is not news."""
+    logging.getLogger("kollsman").setLevel(logging.CRITICAL)
+    return function(job)
+
+
+def kept_parts() -> Path:
+    """Where a study keeps its rows that has no folder of its own: in the user's cache. Rows that
+    are older than `KEPT_S` are removed."""
+    folder = cache_directory() / "studies"
+    folder.mkdir(parents=True, exist_ok=True)
+    for path in folder.glob("*.json"):
+        with suppress(OSError):  # another study may remove it too
+            if time.time() - path.stat().st_mtime > KEPT_S:
+                path.unlink()
+    return folder
+
+
+# Keys
+
+
+def key_of(function: Function[Job], job: Job) -> str:
+    """The name under which a job's rows are kept: it changes with everything that they depend on."""
+    content = json.dumps([plain(job), _code_hash(), version("jsbsim")], sort_keys=True)
+    return f"{function.__name__}-{hashlib.sha256(content.encode()).hexdigest()[:16]}"
+
+
+def plain(value: Any) -> Any:
+    """A job, or a part of one, as JSON has it; of a file what it holds counts, not its name."""
+    if isinstance(value, BaseModel):
+        return value.model_dump(mode="json")
+    if is_dataclass(value) and not isinstance(value, type):
+        return {each.name: plain(getattr(value, each.name)) for each in fields(value)}
+    if isinstance(value, (list, tuple)):
+        return [plain(each) for each in value]
+    if isinstance(value, dict):
+        return {str(key): plain(each) for key, each in value.items()}
+    if isinstance(value, Path):
+        return _file_hash(value) if value.is_file() else str(value)
+    return value if isinstance(value, (str, int, float, bool, type(None))) else repr(value)
+
+
+@cache
+def _file_hash(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@cache
+def _code_hash() -> str:
+    """Of both programs and of what the compiled parts depend on."""
+    digest = hashlib.sha256(source_hash().encode())
+    for package in (companion, sim):
+        root = Path(str(package.__file__)).parent
+        for path in sorted(root.rglob("*.py")):
+            digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+# Executors
+
+
+@contextmanager
+def executor_of(workers: int, scheduler: str | None = None) -> Iterator[Executor]:
+    """A pool of `workers` processes, or the Dask cluster whose scheduler is at an address such as
+    tcp://host:8786.
+
+    Raises `ConfigError` when Dask is not installed or the scheduler does not answer.
+    """
+    if scheduler is None:
+        with ProcessPoolExecutor(
+            workers, mp_context=get_context("spawn"), initializer=_start_worker
+        ) as pool:
+            try:
+                yield pool
+            except BaseException:  # Ctrl-C must not wait for all that was submitted
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+        return
+    try:
+        from distributed import Client
+    except ImportError:
+        raise ConfigError("--scheduler needs Dask: pip install 'kollsman[fleet]'") from None
+    try:
+        client = Client(scheduler, timeout=10, set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise ConfigError(f"no Dask scheduler answers at {scheduler}: {error}") from None
+    with client:
+        yield client.get_executor()
+
+
+def _start_worker() -> None:
+    """A worker ends with its parent, which may be killed before it can say so."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+# Flights
+
+
+@contextmanager
+def flown(
+    scenario: Scenario, seed: int | None = None, **options: Any
+) -> Iterator[tuple[Path, Summary]]:
+    """Fly a scenario to a temporary log; yields its path, valid inside the ``with``, and the
+    summary.
+
+    `options` go to `sim.flight.Flight`. Raises `SimulationError`.
+    """
+    with tempfile.TemporaryDirectory(prefix="kollsman-flight-") as folder:
+        tlog = Path(folder) / "flight.tlog"
+        yield tlog, Flight(scenario, tlog=tlog, seed=seed, **options).run()

@@ -86,6 +86,7 @@ def run(
     from companion.clock import SystemClock
     from companion.links import open_link
     from companion.recording import Recording
+    from companion.restarts import serve
     from companion.service import Service
     from companion.warmup import warm_up
 
@@ -97,13 +98,25 @@ def run(
         recorder = stack.enter_context(Recording(path, settings.record)) if path else None
         warm_up(settings)
         keeper = Checkpoint(settings.checkpoint, [opened.url], fingerprint(settings))
-        service = Service(opened, settings, clock, recorder=recorder, checkpoint=keeper)
-        lines = StatusLine(service, output, as_json=as_json)
+        lines: StatusLine | None = None
+
+        def make() -> Service:
+            earlier = lines.service if lines is not None else None
+            return Service(
+                opened, settings, clock, recorder=recorder, checkpoint=keeper, earlier=earlier
+            )
+
+        def run_one(service: Service) -> None:
+            nonlocal lines
+            lines = StatusLine(service, output, as_json=as_json)
+            lines.ready(time.perf_counter() - started_s)
+            service.run(lambda: bool(stopped), lines.show)
+
         _drain(opened)
-        lines.ready(time.perf_counter() - started_s)
-        service.run(lambda: bool(stopped), lines.show)
+        serve(make, run_one, clock)
         stack.close()
-        lines.stopped(recorder)
+        if lines is not None:
+            lines.stopped(recorder)
 
 
 def _drain(link: "Link") -> None:
@@ -134,7 +147,7 @@ class StatusLine:
     PLAIN_PERIOD_S = 60.0
 
     def __init__(self, service: "Service", output: Output, *, as_json: bool = False) -> None:
-        self._service = service
+        self.service = service
         self._output = output
         self._json = as_json
         self._terminal = output.is_terminal and not as_json
@@ -142,7 +155,7 @@ class StatusLine:
 
     def ready(self, elapsed_s: float) -> None:
         """The service is about to start."""
-        estimator, url = self._service.settings.estimator, self._service.link.url
+        estimator, url = self.service.settings.estimator, self.service.link.url
         if self._json:
             self._object("ready", start_s=round(elapsed_s, 1), estimator=estimator, link=url)
         else:
@@ -167,10 +180,10 @@ class StatusLine:
         """The service has ended."""
         paths = [str(path) for path in recorder.paths] if recorder is not None else []
         if self._json:
-            self._object("stopped", summary=self._service.summary(), recorded=paths)
+            self._object("stopped", summary=self.service.summary(), recorded=paths)
             return
         start = "\n" if self._terminal else ""
-        self._output.line(f"{start}stopped: {self._service.summary()}")
+        self._output.line(f"{start}stopped: {self.service.summary()}")
         for path in paths:
             self._output.line(f"recorded {path}")
 

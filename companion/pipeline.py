@@ -14,6 +14,7 @@ from companion.checker import Checker
 from companion.estimators import ESTIMATORS, Filter
 from companion.health import HealthMonitor
 from companion.intake import Intake, SampleReject, restart_row
+from companion.known_air import KnownAir
 from companion.mavlink import convert
 from companion.mavlink.codec import Decoder, Encoder, Frame, Message, mavlink
 from companion.mavlink.identity import Identity, Origin
@@ -103,8 +104,10 @@ class Pipeline:
         self._listeners = dict(listeners or {})
         self._encoders: dict[tuple[int, int], Encoder] = {}
         self._answers = Allowance(ANSWERS_PER_S)
+        self._thermometers = convert.THERMOMETERS[settings.intake.air_temperature]
         self._wanted = set(convert.CONVERTERS) | {
             *(RAW_IMU, SYSTEM_TIME, ALTITUDE, GLOBAL_POSITION_INT),
+            *self._thermometers,
             *self._listeners,
         }
         self.observe(observer)
@@ -121,9 +124,7 @@ class Pipeline:
         self.outputs = Outputs(settings.publish)
         self._imu = ImuSelector()
         self._scaled_pressure_us = -PRESSURE_TIMEOUT_US
-        self._tells_air = self._knows_air = (
-            settings.air.qnh_hpa is not None or settings.air.temperature_c is not None
-        )
+        self.air = KnownAir(settings.air)
 
     @property
     def wanted(self) -> frozenset[int]:
@@ -163,6 +164,25 @@ class Pipeline:
         other._sends = False
         other.observe(observer)
         return other
+
+    def set_air(
+        self,
+        *,
+        qnh_hpa: float | None = None,
+        temperature_c: float | None = None,
+        field_elevation_m: float | None = None,
+        metar: str | None = None,
+    ) -> None:
+        """Set what is known of the air in flight; the estimator gets it with the next pressure.
+
+        Raises `ConfigError` for a value that is not possible.
+        """
+        self.air.set(
+            qnh_hpa=qnh_hpa,
+            temperature_c=temperature_c,
+            field_elevation_m=field_elevation_m,
+            metar=metar,
+        )
 
     def on_own_ids(self, callback: Callable[[Frame], None]) -> None:
         """Call back for every frame that carries our own ids."""
@@ -333,7 +353,9 @@ class Pipeline:
         if message_id == RAW_IMU:
             return self._imu.raw_imu(message, self.identity.autopilot)
         converter = convert.CONVERTERS.get(message_id)
-        return converter(message) if converter is not None else ()
+        readings = converter(message) if converter is not None else ()
+        thermometer = self._thermometers.get(message_id)
+        return readings + thermometer(message) if thermometer is not None else readings
 
     def _reading(self, reading: convert.Reading, message_id: int, arrival_us: int) -> list[bytes]:
         time_us, reboot = self.intake.place(reading, message_id, arrival_us)
@@ -343,7 +365,7 @@ class Pipeline:
             self.outputs.restart()
             self.checker.restart()
             self._scaled_pressure_us = -PRESSURE_TIMEOUT_US
-            self._tells_air = self._knows_air
+            self.air.restart()
             sent += self._sample(Kind.STATUS, 0, reboot)
         if time_us is None:
             return sent
@@ -369,10 +391,9 @@ class Pipeline:
         return False
 
     def _sample(self, kind: Kind, instance: int, row: Rows) -> list[bytes]:
-        if self._tells_air and kind is Kind.PRESSURE:
-            self._tells_air = False
-            known = self.settings.air
-            self._sample(Kind.AIR, 0, self.intake.air(known.qnh_hpa, known.temperature_c, row))
+        if self.air.waits and kind is Kind.PRESSURE:
+            self.air.waits = False
+            self._sample(Kind.AIR, 0, self.intake.air(self.air, row))
         self.identity.measured(kind)
         return self._step(kind, instance, row)
 
@@ -434,7 +455,7 @@ class Pipeline:
         """Start the estimator anew. Observers see its samples only, as another would get them."""
         row = restart_row(self.now_us, self.now_us)
         self.filter.step(Kind.STATUS, row)
-        self._tells_air = self._knows_air
+        self.air.restart()
         reason = f"estimator restarted, {self.health.reason}"
         logger.warning("%s (restart %d)", reason, self.checker.restarts)
         if self.settings.publish.statustext:

@@ -72,6 +72,7 @@ class Service:
     recorder : where to write every frame heard and sent.
     observer : sees the pipeline from inside.
     checkpoint : where the state is kept in case this process is killed.
+    earlier : a service on the same link that failed; its vehicle is followed at once.
     """
 
     def __init__(
@@ -83,6 +84,7 @@ class Service:
         recorder: LogWriter | None = None,
         observer: Observer | None = None,
         checkpoint: Checkpoint | None = None,
+        earlier: "Service | None" = None,
     ) -> None:
         self.link = link
         self.clock = clock
@@ -93,9 +95,12 @@ class Service:
         """frames that were not sent because they were made of old samples"""
         listeners = {mavlink.MAVLINK_MSG_ID_COMMAND_ACK: self._acknowledged}
         self.pipeline = Pipeline(settings, observer=observer, listeners=listeners)
+        if earlier is not None:
+            self.pipeline.identity.resume(earlier.pipeline.identity, clock.now_us())
         self.pipeline.on_own_ids(self._own_ids_heard)
         self._checkpoint = checkpoint
-        self._resumption = checkpoint.restore(self.pipeline) if checkpoint is not None else None
+        is_first = checkpoint is not None and earlier is None
+        self._resumption = checkpoint.restore(self.pipeline) if checkpoint and is_first else None
         self.pipeline.on_rate_request(self._rate_requested)
         self._streaming = Streaming(self.pipeline, settings, link.bytes_per_s)
         self._recorder = recorder

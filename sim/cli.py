@@ -109,7 +109,7 @@ _AllStreamsOption = Annotated[
 _FlavourOption = Annotated[
     str,
     typer.Option(
-        help="Simulated autopilot: ardupilot, px4 or generic. Default: the scenario's.",
+        help="Simulated autopilot: ardupilot (Plane), copter, px4 or generic. Default: the scenario's.",
         metavar="AUTOPILOT",
     ),
 ]

@@ -18,6 +18,7 @@ from sim.pilot.profile import Airspeed, Altitude, Land, Leg, TakeOff
 from sim.sensors.barometer import BarometerConfig
 from sim.sensors.gnss import GnssConfig
 from sim.sensors.imu import ImuConfig
+from sim.sensors.thermometer import ThermometerConfig
 from sim.vehicle.flavours import FLAVOURS, FlavourName
 from sim.vehicle.own_estimate import EstimateConfig
 from sim.vehicle.ports import check_rates
@@ -30,6 +31,7 @@ class Sensors(Settings):
     """Parameters of the sensors, one group for each."""
 
     barometer: BarometerConfig = BarometerConfig()
+    thermometer: ThermometerConfig = ThermometerConfig()
     gnss: GnssConfig = GnssConfig()
     imu: ImuConfig = ImuConfig()
     estimate: EstimateConfig = EstimateConfig()

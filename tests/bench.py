@@ -31,7 +31,7 @@ from companion.mavlink.codec import Decoder, Encoder, Message, mavlink
 from sim import STEPS_PER_TICK, TICK_US
 from sim.flight import Flight
 from sim.scenario import Scenario, load_scenario
-from sim.studies import campaign
+from sim.studies import campaign, runs
 from tests.long_flights import long_flight
 
 PRESSURE_HZ = 50
@@ -430,7 +430,7 @@ def campaigns(flights: int = 8) -> list[Row]:
         with tempfile.TemporaryDirectory() as folder:
             before = resource.getrusage(resource.RUSAGE_CHILDREN)
             started_s = time.perf_counter()
-            with campaign.executor_of(workers, None) as executor:
+            with runs.executor_of(workers, None) as executor:
                 campaign.run(jobs, executor, Path(folder))
             wall_s = time.perf_counter() - started_s
             after = resource.getrusage(resource.RUSAGE_CHILDREN)

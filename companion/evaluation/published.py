@@ -1,9 +1,10 @@
 """What the companion would have sent over a log: health and ALTITUDE, by the rules of the pipeline.
 
-The estimator's compiled loop runs over the whole log; then the health monitor and the output rules
-of the pipeline follow its estimates after every pressure and fix. So a flight of an hour costs a
-second, not minutes. Two simplifications: the vehicle's silence on the host's clock is not seen,
-and an ALTITUDE that an IMU sample would have triggered is sent with the next pressure or fix.
+The estimator's compiled loop runs over the whole log; then the checker, the health monitor and the
+output rules of the pipeline follow its estimates after every pressure and fix. Where the checker
+restarts the estimator, the loop runs anew over what follows. So a flight of an hour costs a
+second, not minutes. Two simplifications: the vehicle's silence on the host's clock is not seen, and
+an ALTITUDE that an IMU sample would have triggered is sent with the next pressure or fix.
 """
 
 import time
@@ -13,9 +14,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.estimators import ESTIMATORS, run_log
+from companion.checker import Checker
+from companion.config import Settings
+from companion.estimators import ESTIMATORS, Filter, Method, run_log
 from companion.evaluation.metrics import Array
 from companion.health import HealthMonitor
+from companion.intake import restart_row
 from companion.mavlink.outputs import Outputs
 from companion.samples import Kind, Rows, SampleLog, Verdict
 from companion.settings import CompanionSettings
@@ -45,59 +49,85 @@ class Published:
 
 def published(log: SampleLog, estimator: str, settings: CompanionSettings) -> Published:
     """Run `estimator` over `log`, and follow what the companion would have sent."""
-    method = ESTIMATORS[estimator]
+    method, section = ESTIMATORS[estimator], settings.section(estimator)
     before_s = time.perf_counter()
-    estimates, verdicts, _ = run_log(method, log, settings.section(estimator))
+    estimates, verdicts, _ = run_log(method, log, section)
     cost_us = (time.perf_counter() - before_s) * 1e6 / max(1, len(log))
     kinds, rows = (np.asarray(log.tables.order[name]) for name in ("kind", "row"))
     clock_us = _clock(log, kinds, rows, round(settings.intake.gnss_latency_s * 1e6))
-    reboots = _is_reboot(log, kinds, rows)
+    reboots, primary = _is_reboot(log, kinds, rows), _instances(log, kinds, rows) == 0
     followed = np.flatnonzero((kinds == Kind.PRESSURE) | (kinds == Kind.GNSS) | reboots)
+    tables = {int(kind): log[kind] for kind in Kind}
     follower = _Follower(settings, method.uses)
     health, is_sent = np.zeros(followed.size, np.int64), np.zeros(followed.size, bool)
-    primary = _instances(log, kinds, rows) == 0
     for k, i in enumerate(followed.tolist()):
+        kind, now_us = int(kinds[i]), int(clock_us[i])
         if reboots[i]:
             follower.restart()
-        is_sent[k] = follower.sample(
-            Kind(int(kinds[i])),
-            Verdict(int(verdicts[i])),
-            int(clock_us[i]),
-            estimates[i : i + 1],
-            is_primary=bool(primary[i]),
-        )
+        row, estimate = tables[kind][rows[i] : rows[i] + 1], estimates[i : i + 1]
+        follower.take(_KINDS[kind], row, _VERDICTS[verdicts[i]], now_us, is_primary=primary[i])
+        if follower.asks_restart(_VERDICTS[verdicts[i]], now_us, estimate):
+            _run_anew(method, section, log, (estimates, verdicts), i + 1, now_us)
+        is_sent[k] = follower.sends(_VERDICTS[verdicts[i]], now_us, estimate)
         health[k] = follower.monitor.health
-    return Published(
-        np.asarray(estimates[followed]),
-        clock_us[followed],
-        kinds[followed],
-        health,
-        is_sent,
-        cost_us,
-    )
+    kept = np.asarray(estimates[followed])
+    return Published(kept, clock_us[followed], kinds[followed], health, is_sent, cost_us)
+
+
+_KINDS, _VERDICTS = tuple(Kind), tuple(Verdict)
+
+
+def _run_anew(
+    method: Method,
+    section: Settings,
+    log: SampleLog,
+    results: tuple[Rows, Rows],
+    start: int,
+    now_us: int,
+) -> None:
+    """Estimates and verdicts from sample `start` on, of an estimator that was restarted there."""
+    running, tables = Filter(method, section), log.tables
+    running.step(Kind.STATUS, restart_row(now_us, now_us))
+    estimates, verdicts = (each[start:] for each in results)
+    rest = tables._replace(order=tables.order[start:])
+    method.run(running.state, running.params, rest, estimates, verdicts)
 
 
 class _Follower:
-    """Health and outputs, as `companion.pipeline.Pipeline` keeps them."""
+    """Checker, health and outputs, as `companion.pipeline.Pipeline` keeps them."""
 
     def __init__(self, settings: CompanionSettings, uses: frozenset[Kind]) -> None:
         self.monitor = HealthMonitor(settings.health, uses)
+        self._checker = Checker()
         self._outputs = Outputs(settings.publish)
 
     def restart(self) -> None:
+        """The vehicle restarted."""
         self.monitor.restart()
         self._outputs.restart()
+        self._checker.restart()
 
-    def sample(
-        self, kind: Kind, verdict: Verdict, now_us: int, estimate: Rows, *, is_primary: bool
-    ) -> bool:
-        """Whether an ALTITUDE goes out because of a sample."""
+    def take(
+        self, kind: Kind, row: Rows, verdict: Verdict, now_us: int, *, is_primary: bool
+    ) -> None:
+        """Follow a sample and its verdict."""
+        self._checker.sample(kind, row)
         if is_primary:
             self.monitor.sample(kind, verdict, now_us, now_us)
-        is_used = verdict is Verdict.USED
-        if is_used or self.monitor.is_due(now_us):
-            self.monitor.assess(now_us, estimate)
-        return is_used and self._outputs.altitude(now_us, self.monitor.health, estimate) is not None
+
+    def asks_restart(self, verdict: Verdict, now_us: int, estimate: Rows) -> bool:
+        """Assess the health; whether the estimator must start anew."""
+        if verdict is not Verdict.USED and not self.monitor.is_due(now_us):
+            return False
+        objection = self._checker.objection(now_us, float(estimate["altitude_amsl_m"][0]))
+        self.monitor.assess(now_us, estimate, objection)
+        return self._checker.asks_restart(now_us, supported=self.monitor.has_altitude)
+
+    def sends(self, verdict: Verdict, now_us: int, estimate: Rows) -> bool:
+        """Whether an ALTITUDE goes out because of the sample."""
+        if verdict is not Verdict.USED:
+            return False
+        return self._outputs.altitude(now_us, self.monitor.health, estimate) is not None
 
 
 def _clock(

@@ -13,6 +13,7 @@ from enum import StrEnum
 from companion.intake.screening import DatumScreen
 from companion.intake.settings import IntakeSettings
 from companion.intake.vehicle_clock import Clockwork, VehicleClock
+from companion.known_air import KnownAir
 from companion.mavlink.convert import ZERO_CELSIUS_K, Reading
 from companion.samples import DTYPES, MAX_INSTANCES, Kind, Rows, rows
 
@@ -35,6 +36,8 @@ class Intake:
         self.datum = DatumScreen(settings)
         self.counters: Counter[SampleReject] = Counter()
         self._latency_us = round(settings.gnss_latency_s * 1e6)
+        self._air_us = -1
+        self._air_excess_k = settings.air_temperature_excess_k
         self._rows = {kind: rows(dtype) for kind, dtype in DTYPES.items()}
 
     def place(
@@ -61,26 +64,34 @@ class Intake:
         row = self._rows[reading.kind]
         if reading.kind is Kind.GNSS:
             time_us -= self._latency_us
+        elif reading.kind is Kind.AIR:
+            time_us = self._air_time(time_us)
         row[0] = (time_us, arrival_us, reading.instance, *reading.values)
+        if reading.kind is Kind.AIR:
+            row["air_temperature_k"] -= self._air_excess_k
         if reading.kind is Kind.PRESSURE:
             self.datum.pressure(row)
         elif reading.kind is Kind.GNSS:
             self.datum.gnss(row)
         return row
 
-    def air(self, qnh_hpa: float | None, temperature_c: float | None, at: Rows) -> Rows:
+    def air(self, known: KnownAir, at: Rows) -> Rows:
         """The sample row, shape (1,), of what is known of the air, at the time of another row."""
         row = self._rows[Kind.AIR]
-        air_k = math.nan if temperature_c is None else temperature_c + ZERO_CELSIUS_K
         row[0] = (
-            at[0]["time_us"],
+            self._air_time(at[0]["time_us"]),
             at[0]["arrival_us"],
             0,
-            air_k,
-            math.nan if qnh_hpa is None else qnh_hpa * 100.0,
-            math.nan,
+            _or_nan(known.temperature_c) + ZERO_CELSIUS_K,
+            _or_nan(known.qnh_hpa) * 100.0,
+            _or_nan(known.field_elevation_m),
         )
         return row
+
+    def _air_time(self, time_us: int) -> int:
+        """Samples of the air come from several sources: each is newer than the one before."""
+        self._air_us = time_us if time_us > self._air_us else self._air_us + 1
+        return self._air_us
 
     def _reboot(self, time_us: int, arrival_us: int) -> Rows:
         logger.warning("the vehicle's clock restarted at %.1f s: starting anew", time_us * 1e-6)
@@ -93,3 +104,7 @@ def restart_row(time_us: int, arrival_us: int) -> Rows:
     row = rows(DTYPES[Kind.STATUS])
     row[0] = (time_us, arrival_us, 0, -1, -1, 1)
     return row
+
+
+def _or_nan(value: float | None) -> float:
+    return math.nan if value is None else value

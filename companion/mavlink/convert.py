@@ -178,6 +178,40 @@ def highres_imu(message: Message) -> Readings:
     return tuple(readings)
 
 
+def hygrometer(message: Message) -> Readings:
+    """HYGROMETER_SENSOR: centidegrees, without a time stamp; a probe in the air."""
+    kelvin = message.temperature * 0.01 + ZERO_CELSIUS_K
+    return (_air(TimeBase.NONE, 0, message.id % 4, kelvin),)
+
+
+def airspeed_temperature(message: Message) -> Readings:
+    """SCALED_PRESSURE.temperature_press_diff: the sensor of the airspeed; 0 is absent."""
+    kelvin = _present(message.temperature_press_diff, 0.01) + ZERO_CELSIUS_K
+    if math.isnan(kelvin):
+        return ()
+    return (_air(TimeBase.BOOT, message.time_boot_ms * 1000, 0, kelvin),)
+
+
+def imu_temperature(message: Message) -> Readings:
+    """HIGHRES_IMU.temperature, degrees Celsius: a sensor's die."""
+    if not (message.fields_updated or 0xFFFF) & 0x1000:
+        return ()
+    kelvin = _finite(message.temperature + ZERO_CELSIUS_K)
+    return (_air(TimeBase.EITHER, message.time_usec, message.id % 4, kelvin),)
+
+
+def _air(base: TimeBase, stamp_us: int, instance: int, kelvin: float) -> Reading:
+    return Reading(Kind.AIR, base, stamp_us, instance, (kelvin, math.nan, math.nan))
+
+
+THERMOMETERS: dict[str, dict[int, Callable[[Message], Readings]]] = {
+    "hygrometer": {mavlink.MAVLINK_MSG_ID_HYGROMETER_SENSOR: hygrometer},
+    "airspeed": {mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: airspeed_temperature},
+    "imu": {mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: imu_temperature},
+    "none": {},
+}
+"""Sources of the air temperature, by the value of ``intake.air_temperature``."""
+
 CONVERTERS: dict[int, Callable[[Message], Readings]] = {
     mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: lambda message: scaled_pressure(message, 0),
     mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2: lambda message: scaled_pressure(message, 1),

@@ -180,6 +180,16 @@ class Identity:
             self._compete(speaker, frame, message, arrival_us, source)
         return self.vehicle != before
 
+    def resume(self, earlier: "Identity", arrival_us: int) -> None:
+        """Follow the vehicle that `earlier` followed, without waiting for its heartbeat."""
+        if earlier.vehicle is None:
+            return
+        self.vehicle, self.component_id = earlier.vehicle, earlier.component_id
+        self.autopilot, self.vehicle_type = earlier.autopilot, earlier.vehicle_type
+        self.version, self._source = earlier.version, earlier.source
+        self._latched_us = self._source_us = arrival_us
+        self._autopilots[earlier.vehicle] = _Autopilot(arrival_us)
+
     def note(self, heartbeat: Message) -> None:
         """Remember what the vehicle's HEARTBEAT says it is: another autopilot must be named by three
         in a row."""

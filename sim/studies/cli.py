@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from sim.studies.campaign import Row
+    from sim.studies.runs import Row
 
 CAMPAIGN_EXAMPLES = """\b
 Examples:
@@ -57,12 +57,13 @@ def campaign(
     it was."""
     from companion.settings import CompanionSettings
     from sim.studies import campaign as fleet
+    from sim.studies.runs import executor_of
 
     fleet.require_parquet()
     settings = CompanionSettings().with_assignments(changes or [])
     jobs = fleet.jobs_of(scenarios, seeds, _estimators(estimator), settings)
     with (
-        fleet.executor_of(workers or os.cpu_count() or 1, scheduler) as executor,
+        executor_of(workers or os.cpu_count() or 1, scheduler) as executor,
         _job_bar(len(jobs)) as report,
     ):
         rows = fleet.run(jobs, executor, out, report)
@@ -93,11 +94,12 @@ def gallery(
     from sim.scenario import load_scenario, scenario_paths
     from sim.studies import campaign as fleet
     from sim.studies import gallery as pictures
+    from sim.studies.runs import executor_of
 
     flights = [load_scenario(name) for name in scenarios or scenario_paths()]
     jobs = [fleet.Job(flight, flight.seed, _estimators(estimator)) for flight in flights]
     with (
-        fleet.executor_of(workers or os.cpu_count() or 1, None) as executor,
+        executor_of(workers or os.cpu_count() or 1, None) as executor,
         _flight_bar(len(jobs)) as advance,
     ):
         page = pictures.build(jobs, executor, out, lambda _: advance())

@@ -7,8 +7,9 @@ clock: the same code gives the same page.
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, as_completed
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion import __version__
+from companion.errors import SimulationError
 from companion.estimators import DEFAULT_ESTIMATOR
 from companion.evaluation.compare import Comparison, Result, Series
 from companion.evaluation.metrics import Array, truth_at
@@ -33,6 +35,7 @@ from sim.studies.page import (
     Value,
     markdown_table,
 )
+from sim.studies.runs import run
 
 PAGE = "README"
 RAW_COLOURS = {"raw barometer": BARO, "raw GNSS": GNSS, "autopilot's own": INERTIAL}
@@ -81,17 +84,20 @@ def build(
     """Fly all `jobs`, and write the page and its figures to `out`; `on_done` is told the name of
     each that is done.
 
-    What a page that is there already says of other scenarios stays.
+    What a page that is there already says of other scenarios stays. Raises `SimulationError` when
+    flights failed, once the page of the others is written.
     """
     out = out.resolve()
-    longest_first = sorted(jobs, key=lambda job: -job.scenario.planned_s)
-    waiting = {executor.submit(section, job, out): job.scenario.name for job in longest_first}
-    done = _sections(out / f"{PAGE}.md")
-    for future in as_completed(waiting):
-        done[waiting[future]] = future.result()
-        if on_done is not None:
-            on_done(waiting[future])
-    sections = [done[name] for name in sorted(done)]
+    found = _sections(out / f"{PAGE}.md")
+    done = run(
+        partial(section, out=out),
+        jobs,
+        executor,
+        weight=lambda job: job.scenario.planned_s,
+        on_done=lambda _, newest: on_done(newest.job.scenario.name) if on_done and newest else None,
+    )
+    found |= {each.job.scenario.name: each.result for each in done if each.result is not None}
+    sections = [found[name] for name in sorted(found)]
     page = Page(PAGE, out)
     page.text("# Gallery of the scenarios")
     page.text(_HEAD.format(version=__version__))
@@ -99,7 +105,11 @@ def build(
     page.text("\n".join([markdown_table(header, []), *(each.contents for each in sections)]))
     for each in sections:
         page.text(each.markdown)
-    return page.write()
+    written = page.write()
+    failed = [f"{each.job.scenario.name}: {each.error}" for each in done if each.error is not None]
+    if failed:
+        raise SimulationError(f"{written}: {len(failed)} flights failed ({'; '.join(failed)})")
+    return written
 
 
 def _sections(path: Path) -> dict[str, Section]:

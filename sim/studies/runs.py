@@ -1,15 +1,16 @@
 """Jobs of every study on one runner, and the one way to fly a scenario to a log.
 
-A job is a frozen dataclass; a function of one job returns rows (dictionaries that JSON can hold).
-`run` computes rows on a pool of processes or a Dask cluster, keeps the rows of every finished job
-in a folder, and takes them from there when the same job is run again, so that a study that was
-stopped continues. A job that fails has no rows but an error; it is tried again by the next run.
+A job is a frozen dataclass or a named tuple; a function of one job returns its result. `run`
+computes results on a pool of processes or a Dask cluster, keeps those of finished jobs in a folder,
+and takes them from there when the same job is run again, so that a study that was stopped
+continues. A job that fails has an error in place of a result; it is tried again by the next run.
 """
 
 import hashlib
 import json
 import logging
 import os
+import pickle
 import tempfile
 import threading
 import time
@@ -35,33 +36,33 @@ from sim.scenario import Scenario
 
 Row = dict[str, Any]
 Job = TypeVar("Job")
-Function = Callable[[Job], list[Row]]
+Result = TypeVar("Result")
 
 KEPT_S = 14 * 86_400.0
 
 
 @dataclass(frozen=True)
-class Done(Generic[Job]):
-    """A job that was run: its rows, or why it failed."""
+class Done(Generic[Job, Result]):
+    """A job that was run: its result, or why it failed."""
 
     job: Job
-    rows: list[Row]
+    result: Result | None
     error: str | None = None
 
 
-OnDone = Callable[[int, Done[Any] | None], None]
-"""Called with how many jobs are done and the newest one; None for those whose rows were kept."""
+OnDone = Callable[[int, Done[Any, Any] | None], None]
+"""Called with how many jobs are done and the newest one; None for those whose results were kept."""
 
 
 def run(
-    function: Function[Job],
+    function: Callable[[Job], Result],
     jobs: Sequence[Job],
     executor: Executor,
     *,
     parts: Path | None = None,
     weight: Callable[[Job], float] | None = None,
     on_done: OnDone | None = None,
-) -> list[Done[Job]]:
+) -> list[Done[Job, Result]]:
     """`function` of every job, in the order of `jobs`.
 
     Parameters
@@ -69,66 +70,67 @@ def run(
     function
         of a module's top level, so that a process can be sent there
     parts
-        folder where rows are kept; None keeps nothing
+        folder where results are kept; None keeps nothing
     weight
         how long a job takes, in any unit: the longest start first, which keeps all workers busy
     """
     keys = [key_of(function, job) for job in jobs]
-    done = {key: Done(job, rows) for key, job, rows in _kept(parts, keys, jobs)}
+    done: dict[str, Done[Job, Result]] = {}
+    todo: dict[str, Job] = {}
+    for key, job in zip(keys, jobs, strict=True):
+        path = parts / f"{key}.pickle" if parts is not None else None
+        if path is not None and path.exists():
+            done[key] = Done(job, pickle.loads(path.read_bytes()))
+        else:
+            todo[key] = job
     if on_done is not None:
         on_done(len(done), None)
-    todo = {key: job for key, job in zip(keys, jobs, strict=True) if key not in done}
     ordered = sorted(todo, key=lambda key: -weight(todo[key]) if weight else 0.0)
     waiting = {executor.submit(_quietly, function, todo[key]): key for key in ordered}
     for future in as_completed(waiting):
         key = waiting[future]
-        rows, error = _outcome(future)
-        if error is None and parts is not None:
-            _keep(parts / f"{key}.json", rows)
-        done[key] = Done(todo[key], rows, error)
+        done[key] = _outcome(future, todo[key])
+        if done[key].error is None and parts is not None:
+            _keep(parts / f"{key}.pickle", done[key].result)
         if on_done is not None:
             on_done(len(done), done[key])
     return [done[key] for key in keys]
 
 
-def _kept(
-    parts: Path | None, keys: Sequence[str], jobs: Sequence[Job]
-) -> Iterator[tuple[str, Job, list[Row]]]:
-    for key, job in zip(keys, jobs, strict=True):
-        path = parts / f"{key}.json" if parts is not None else None
-        if path is not None and path.exists():
-            yield key, job, json.loads(path.read_text(encoding="utf-8"))
+def results(done: Sequence[Done[Any, Result]]) -> list[Result]:
+    """The results of the jobs that succeeded."""
+    return [each.result for each in done if each.result is not None]
 
 
-def _keep(path: Path, rows: list[Row]) -> None:
-    """Write the rows of a job; the file appears whole or not at all."""
+def _keep(path: Path, result: Any) -> None:
+    """Write a result; the file appears whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_suffix(".partial")
-    partial.write_text(json.dumps(rows), encoding="utf-8")
+    partial.write_bytes(pickle.dumps(result))
     partial.replace(path)
 
 
-def _outcome(future: "Future[list[Row]]") -> tuple[list[Row], str | None]:
+def _outcome(future: "Future[Result]", job: Job) -> Done[Job, Result]:
     try:
-        return future.result(), None
+        return Done(job, future.result())
     except BrokenProcessPool:
-        return [], "a worker process was killed, and this job with it"
+        return Done(job, None, "a worker process was killed, and this job with it")
     except Exception as error:  # a job that fails is a result, whatever failed
-        return [], f"{error}" or type(error).__name__
+        return Done(job, None, f"{error}" or type(error).__name__)
 
 
-def _quietly(function: Function[Job], job: Job) -> list[Row]:
+def _quietly(function: Callable[[Job], Result], job: Job) -> Result:
     """Faults are injected on purpose: what the companion logs of them is not news."""
     logging.getLogger("kollsman").setLevel(logging.CRITICAL)
     return function(job)
 
 
 def kept_parts() -> Path:
-    """Where a study keeps its rows that has no folder of its own: in the user's cache. Rows that
-    are older than `KEPT_S` are removed."""
+    """Where a study that has no folder of its own keeps its results: in the user's cache. Those
+    that are older than `KEPT_S` are removed."""
     folder = cache_directory() / "studies"
     folder.mkdir(parents=True, exist_ok=True)
-    for path in folder.glob("*.json"):
+    for path in folder.iterdir():
         with suppress(OSError):  # another study may remove it too
             if time.time() - path.stat().st_mtime > KEPT_S:
                 path.unlink()
@@ -138,10 +140,15 @@ def kept_parts() -> Path:
 # Keys
 
 
-def key_of(function: Function[Job], job: Job) -> str:
-    """The name under which a job's rows are kept: it changes with everything that they depend on."""
+def key_of(function: Callable[[Job], Any], job: Job) -> str:
+    """The name of a job's result: it changes with everything that the result depends on."""
     content = json.dumps([plain(job), _code_hash(), version("jsbsim")], sort_keys=True)
-    return f"{function.__name__}-{hashlib.sha256(content.encode()).hexdigest()[:16]}"
+    return f"{_name(function, job)}-{hashlib.sha256(content.encode()).hexdigest()[:16]}"
+
+
+def _name(function: Callable[[Job], Any], job: Job) -> str:
+    named = getattr(job, "label", None)
+    return named if isinstance(named, str) and named else getattr(function, "__name__", "job")
 
 
 def plain(value: Any) -> Any:

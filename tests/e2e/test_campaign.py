@@ -14,7 +14,7 @@ import pytest
 
 from companion.config import validate
 from sim.scenario import Scenario, load_scenario
-from sim.studies import campaign
+from sim.studies import campaign, runs
 
 ESTIMATOR = ("adaptive-fusion",)
 
@@ -28,7 +28,10 @@ class Here(Executor):
     def submit(self, function, /, *arguments, **named):  # type: ignore[no-untyped-def]
         self.count += 1
         future: Future[object] = Future()
-        future.set_result(function(*arguments, **named))
+        try:
+            future.set_result(function(*arguments, **named))
+        except Exception as error:
+            future.set_exception(error)
         return future
 
 
@@ -65,8 +68,8 @@ def test_a_failed_flight_is_a_row_and_is_tried_again(tmp_path: Path) -> None:
 
 
 def test_a_changed_scenario_is_another_job() -> None:
-    assert hop(1).key != hop(2).key
-    assert hop(1).key != hop(1, limit_s=900.0).key
+    jobs = (hop(1), hop(2), hop(1, limit_s=900.0))
+    assert len({runs.key_of(campaign.run_job, job) for job in jobs}) == 3
 
 
 def test_detection_times_come_with_the_rows(tmp_path: Path) -> None:
@@ -131,11 +134,11 @@ def test_a_killed_campaign_goes_on_where_it_was(tmp_path: Path) -> None:
         command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
     )
     deadline_s = time.monotonic() + 120.0
-    while not list(tmp_path.glob("parts/*.parquet")) and time.monotonic() < deadline_s:
+    while not list(tmp_path.glob("parts/*.pickle")) and time.monotonic() < deadline_s:
         time.sleep(0.02)
     os.killpg(first.pid, signal.SIGKILL)
     first.wait(20)
-    done = {path: path.stat().st_mtime_ns for path in tmp_path.glob("parts/*.parquet")}
+    done = {path: path.stat().st_mtime_ns for path in tmp_path.glob("parts/*.pickle")}
     assert 1 <= len(done) < 5
     assert not (tmp_path / "campaign.parquet").exists()
     again = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
@@ -147,7 +150,7 @@ def test_a_killed_campaign_goes_on_where_it_was(tmp_path: Path) -> None:
 
 _ORPHANING = """
 import os, time
-from sim.studies.campaign import executor_of
+from sim.studies.runs import executor_of
 
 if __name__ == "__main__":
     with executor_of(1, None) as pool:
@@ -214,7 +217,7 @@ def test_dask_cluster_gives_the_same_rows(tmp_path: Path) -> None:
         LocalCluster(
             n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
         ) as cluster,
-        campaign.executor_of(1, cluster.scheduler_address) as executor,
+        runs.executor_of(1, cluster.scheduler_address) as executor,
     ):
         there = campaign.run(jobs, executor, tmp_path / "there")
     for a, b in zip(here, there, strict=True):

@@ -12,15 +12,18 @@ from whatever sections have run. Adding a section is that module, a line in the 
 in `goals.py`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
     from sim.studies.goals.section import SectionPage
+    from sim.studies.runs import Done
 
+Job = TypeVar("Job")
+Result = TypeVar("Result")
 Progress = Callable[[float, str], None]
 """Called with the fraction done (0..1) and what is being computed."""
 
@@ -38,6 +41,21 @@ class Context:
     out: Path
     """folder of the pages"""
     progress: Progress
+
+    def run(
+        self,
+        function: Callable[[Job], Result],
+        jobs: Sequence[Job],
+        weight: Callable[[Job], float] | None = None,
+    ) -> "list[Done[Job, Result]]":
+        """`function` of every job on a pool of processes (`sim.studies.runs`), with progress."""
+        from sim.studies.runs import executor_of, kept_parts, run
+
+        def report(done: int, newest: object) -> None:
+            self.progress(done / len(jobs), f"{done} of {len(jobs)} jobs")
+
+        with executor_of(self.workers) as executor:
+            return run(function, jobs, executor, parts=kept_parts(), weight=weight, on_done=report)
 
 
 @dataclass(frozen=True)

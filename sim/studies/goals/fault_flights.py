@@ -10,7 +10,6 @@ origin from one early fix, as EKF3 by default.
 """
 
 import math
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,11 +24,11 @@ from companion.evaluation.samples import samples_of
 from companion.samples import Kind, SampleLog
 from companion.settings import CompanionSettings
 from sim.faults import parse_fault
-from sim.flight import Flight
 from sim.scenario import Scenario, load_scenario
 from sim.sensors.barometer import Pressure
 from sim.sensors.gnss import Fix
 from sim.studies.corrupt import corrupt
+from sim.studies.runs import flown
 from sim.vehicle.own_estimate import EstimateConfig, OwnEstimate
 
 Row = dict[str, Any]
@@ -96,10 +95,8 @@ def scenario(*, hot: bool) -> Scenario:
 def fly(seed: int, flights: Sequence[FaultFlight] = FLIGHTS) -> list[Row]:
     """One seed of every flight: a row for each flight and source."""
     rows: list[Row] = []
-    with tempfile.TemporaryDirectory(prefix="kollsman-faults-") as folder:
-        for hot in sorted({flight.hot for flight in flights}):
-            sound = Path(folder) / f"{hot}.tlog"
-            Flight(scenario(hot=hot), tlog=sound, seed=seed).run()
+    for hot in sorted({flight.hot for flight in flights}):
+        with flown(scenario(hot=hot), seed) as (sound, _):
             for flight in flights:
                 if flight.hot == hot:
                     rows += [

@@ -5,7 +5,7 @@ import math
 import time
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -46,6 +46,24 @@ ABLATIONS: dict[str, tuple[str, ...]] = {
 """Name -> what ``--set`` is given, without `PREFIX`."""
 
 Row = dict[str, Any]
+
+
+class Recorded(NamedTuple):
+    """A recorded flight."""
+
+    path: Path
+
+
+class Simulated(NamedTuple):
+    """A scenario to be flown with a seed."""
+
+    scenario: str
+    seed: int
+
+
+def work(job: Recorded | Simulated) -> dict[str, Any]:
+    """Everything that is measured on one flight; runs in a worker."""
+    return recorded(job.path) if isinstance(job, Recorded) else simulated(job.scenario, job.seed)
 
 
 def simulated(scenario: str, seed: int) -> dict[str, dict[str, Row]]:

@@ -1,17 +1,14 @@
 """Copies of recorded or flown samples with something changed: what the estimator gets, not the log."""
 
-import tempfile
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
 
 from companion.evaluation.samples import samples_of
 from companion.samples import Kind, SampleLog
 from companion.settings import CompanionSettings
-from sim.flight import Flight
 from sim.scenario import load_scenario
 from sim.sensors.gnss import Fix
+from sim.studies import runs
 from sim.studies.goals.sensor_level import Array
 
 STANDARD_PA = 101_325.0
@@ -22,10 +19,8 @@ def flown(scenario: str, seed: int) -> tuple[SampleLog, SampleLog]:
     """A simulated flight's samples, as GPS_RAW_INT has them and with the receiver's own vertical
     velocity, as the autopilot's own log would. Raises `SimulationError`."""
     fixes: list[Fix] = []
-    with tempfile.TemporaryDirectory(prefix="kollsman-evaluation-") as folder:
-        tlog = Path(folder) / "flight.tlog"
-        Flight(load_scenario(scenario), tlog=tlog, seed=seed, on_fix=fixes.append).run()
-        settings = CompanionSettings()
+    settings = CompanionSettings()
+    with runs.flown(load_scenario(scenario), seed, on_fix=fixes.append) as (tlog, _):
         log = samples_of(tlog, settings)
     with_climb = copy(log)
     table = with_climb[Kind.GNSS]

@@ -4,12 +4,14 @@ all sections."""
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from companion import __version__
 from companion.errors import ConfigError
 from sim.studies.goals import SECTIONS, Context, Section
 from sim.studies.goals.goals import GOALS, Goal, Measured
 from sim.studies.page import Page, Value, markdown_table
+from sim.studies.runs import Done
 
 INDEX = "README"
 
@@ -34,6 +36,16 @@ class SectionPage(Page):
         if unknown:
             raise ValueError(f"no goal '{unknown[0]}'")
         self.rows += rows
+
+    def failures(self, done: Sequence[Done[Any, Any]]) -> None:
+        """Name the jobs that failed, if any did."""
+        failed = [each for each in done if each.error is not None]
+        if failed:
+            lines = [f"- `{each.job}`: {each.error}" for each in failed[:20]]
+            self.text(
+                f"## Failures\n\n{len(failed)} jobs failed; the next run tries them again.\n\n"
+                + "\n".join(lines)
+            )
 
     def head(self) -> list[str]:
         """Title, how the page was made, and the goals it judges."""

@@ -161,8 +161,6 @@ def _fixes(path: Path) -> Array:
     return np.stack([np.asarray(gnss["time_us"])[fixed] * 1e-6, *columns], axis=1)
 
 
-def recorded(folder: Path) -> list[RecordedError]:
-    """Every stationary stretch below `folder`, longest first."""
-    paths = sorted(path for path in folder.rglob("*") if path.suffix.lower() in LOGS)
-    stretches = [each for path in paths for each in stationary(path)]
-    return sorted(stretches, key=lambda each: -float(each.time_s[-1]))
+def logs(folder: Path) -> list[Path]:
+    """The logs below `folder` in which a stationary receiver may be."""
+    return sorted(path for path in folder.rglob("*") if path.suffix.lower() in LOGS)

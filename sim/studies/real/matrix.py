@@ -64,8 +64,8 @@ class Cell:
     """whether all estimators run, not only the default one"""
 
     @property
-    def label(self) -> str:
-        """Of the GNSS error."""
+    def error(self) -> str:
+        """Which GNSS error is laid on."""
         return "own" if self.own_gnss else "recorded" if self.trace else "Gauss-Markov"
 
 
@@ -102,6 +102,11 @@ def recording(path: Path) -> Recording:
     return source(path)
 
 
+def traces_in(path: Path) -> list[Trace]:
+    """The stationary stretches of one log; runs in a worker."""
+    return [Trace(path, stretch.number) for stretch in stationary(path)]
+
+
 @cache
 def _stretches(path: Path) -> list[RecordedError]:
     return stationary(path)
@@ -126,7 +131,7 @@ def fly(cell: Cell) -> list[Row]:
         "imu_hz": cell.plan.imu_hz,
         "attitude": cell.plan.attitude,
         "lag_s": cell.plan.lag_s,
-        "error": cell.label,
+        "error": cell.error,
         "seed": cell.plan.seed,
         "field_elevation": cell.plan.field_elevation,
     }

@@ -7,8 +7,7 @@ it comes.
 
 import math
 from collections.abc import Sequence
-from concurrent.futures import as_completed
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,7 +15,6 @@ from companion.config import Settings
 from companion.estimators import DEFAULT_ESTIMATOR, ESTIMATORS
 from companion.estimators.vertical_bank.settings import VerticalBankSettings
 from companion.samples import FaultySensor, Kind
-from sim.studies.campaign import executor_of
 from sim.studies.goals import Context
 from sim.studies.goals.bound import Model, bound
 from sim.studies.goals.common_scenarios import SCENARIOS, Drawn, Scenario, draw, has_fix, heights_m
@@ -24,6 +22,7 @@ from sim.studies.goals.goals import Measured
 from sim.studies.goals.section import SectionPage
 from sim.studies.goals.sensor_level import START_S, Array, arrange, estimates_of
 from sim.studies.page import BARO, BOUND, FUSED, GNSS, OTHER, Value
+from sim.studies.runs import Done
 
 MODEL = Model()
 BANK, AS_IT_COMES = "vertical-bank, their priors", "vertical-bank, as it comes"
@@ -146,33 +145,42 @@ def interval(over: Array, under: Array | float) -> tuple[float, float, float]:
 def evaluate(context: Context) -> SectionPage:
     """Run the seeds on a process pool, compute the bounds, fill the page."""
     jobs = [
-        (key, range(first, min(first + CHUNK, context.seeds + 1)))
+        Chunk(key, first, min(first + CHUNK, context.seeds + 1))
         for key in SCENARIOS
         for first in range(1, context.seeds + 1, CHUNK)
     ]
-    parts: dict[str, dict[int, dict[str, Array]]] = {key: {} for key in SCENARIOS}
-    with executor_of(context.workers, None) as executor:
-        waiting = {
-            executor.submit(squares, key, list(seeds)): (key, seeds.start) for key, seeds in jobs
-        }
-        for done, future in enumerate(as_completed(waiting), start=1):
-            key, first = waiting[future]
-            parts[key][first] = future.result()
-            context.progress(0.9 * done / len(jobs), f"{key}, {done} of {len(jobs)} jobs")
-    found = {
-        key: {
-            label: np.concatenate(
-                [chunks[first][label] for first in sorted(chunks) if label in chunks[first]]
-            )
-            for label in chunks[1]
-        }
-        for key, chunks in parts.items()
-    }
+    done = context.run(chunk_squares, jobs)
+    found = {key: _joined(key, done) for key in SCENARIOS}
     bounds = {}
-    for done, (key, scenario) in enumerate(SCENARIOS.items()):
+    for number, (key, scenario) in enumerate(SCENARIOS.items()):
         bounds[key] = bound_m(scenario, MODEL, min(TRAJECTORIES, context.seeds))
-        context.progress(0.9 + 0.1 * done / len(SCENARIOS), f"bound of {key}")
-    return _page(context, found, bounds)
+        context.progress((number + 1) / len(SCENARIOS), f"bound of {key}")
+    page = _page(context, found, bounds)
+    page.failures(done)
+    return page
+
+
+class Chunk(NamedTuple):
+    """Seeds of one scenario, from `first` to before `end`."""
+
+    key: str
+    first: int
+    end: int
+
+
+def chunk_squares(chunk: Chunk) -> dict[str, Array]:
+    """`squares` of the seeds of a chunk; runs in a worker."""
+    return squares(chunk.key, list(range(chunk.first, chunk.end)))
+
+
+def _joined(key: str, done: Sequence[Done[Chunk, dict[str, Array]]]) -> dict[str, Array]:
+    """The squares of all seeds of a scenario, by label; a label may be known for the first only."""
+    chunks = [each.result for each in done if each.job.key == key and each.result is not None]
+    labels = dict.fromkeys(label for chunk in chunks for label in chunk)
+    return {
+        label: np.concatenate([chunk[label] for chunk in chunks if label in chunk])
+        for label in labels
+    }
 
 
 def _page(

@@ -2,7 +2,6 @@
 meanwhile."""
 
 import math
-import tempfile
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -11,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from companion.settings import CompanionSettings
-from sim.flight import Flight
 from sim.scenario import load_scenario
 from sim.studies.goals import Context
 from sim.studies.goals.attribution import CASES, DOUBT_RATIO, try_faults
@@ -19,8 +17,8 @@ from sim.studies.goals.fault_flights import ESTIMATOR, FLIGHTS
 from sim.studies.goals.fault_flights import fly as fly_faults
 from sim.studies.goals.goals import Measured
 from sim.studies.goals.section import SectionPage
-from sim.studies.goals.work import run_jobs
 from sim.studies.page import Value
+from sim.studies.runs import flown, results
 
 Row = dict[str, Any]
 RECORDED = ("jsbsim_A", "jsbsim_B", "ardupilot_nominal", "ardupilot_weather")
@@ -61,9 +59,7 @@ def work(job: Job) -> Found:
         return _named(job.log.stem, "recorded", *try_faults(job.log, settings, ONSETS))
     if not job.scenario:
         return Found([], fly_faults(job.seed))
-    with tempfile.TemporaryDirectory(prefix="kollsman-faults-") as folder:
-        log = Path(folder) / "flight.tlog"
-        Flight(load_scenario(job.scenario), tlog=log, seed=job.seed).run()
+    with flown(load_scenario(job.scenario), job.seed) as (log, _):
         return _named(f"{job.scenario} {job.seed}", "simulated", *try_faults(log, settings, ONSETS))
 
 
@@ -83,14 +79,11 @@ def evaluate(context: Context) -> SectionPage:
     seeds = range(1, context.seeds + 1)
     jobs = [Job(log=log) for log in logs if log.exists()] + [Job(seed=seed) for seed in seeds]
     jobs += [Job(scenario=name, seed=seed) for name in SCENARIOS for seed in seeds]
-    found = run_jobs(work, jobs, context)
-    tried, flown = (
-        [row for each in found for row in each.tried],
-        [row for each in found for row in each.flown],
-    )
+    done = context.run(work, jobs)
     page = SectionPage("faults", context)
-    _attribution(page, tried)
-    _flights(page, flown)
+    _attribution(page, [row for each in results(done) for row in each.tried])
+    _flights(page, [row for each in results(done) for row in each.flown])
+    page.failures(done)
     return page
 
 

@@ -2,14 +2,12 @@
 flights."""
 
 import math
-from concurrent.futures import as_completed
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sim.scenario import scenario_paths
-from sim.studies.campaign import executor_of
 from sim.studies.goals import Context
 from sim.studies.goals.flight_jobs import (
     ABLATIONS,
@@ -17,10 +15,11 @@ from sim.studies.goals.flight_jobs import (
     OUTAGE_S,
     OUTAGES_S,
     PREFIX,
+    Recorded,
     Row,
+    Simulated,
     cost,
-    recorded,
-    simulated,
+    work,
 )
 from sim.studies.goals.goals import Measured
 from sim.studies.goals.section import SectionPage
@@ -56,29 +55,25 @@ def evaluate(context: Context) -> SectionPage:
         else {}
     )
     paths = {name: path for name, path in paths.items() if path.exists()}
-    flights: dict[str, dict[int, Flight]] = {name: {} for name in known}
-    logs: dict[str, dict[str, Any]] = {}
-    with executor_of(context.workers, None) as executor:
-        waiting: dict[Any, tuple[str, int]] = {
-            executor.submit(recorded, path): (name, 0) for name, path in paths.items()
-        }
-        for name in known:
-            for seed in range(1, context.seeds + 1):
-                waiting[executor.submit(simulated, name, seed)] = name, seed
-        for done, future in enumerate(as_completed(waiting), start=1):
-            name, seed = waiting[future]
-            context.progress(done / len(waiting), f"{name}, {done} of {len(waiting)} flights")
-            if seed:
-                flights[name][seed] = future.result()
-            else:
-                logs[name] = future.result()
-    ordered = {name: [found[seed] for seed in sorted(found)] for name, found in flights.items()}
+    jobs: list[Recorded | Simulated] = [Recorded(path) for path in paths.values()]
+    jobs += [Simulated(name, seed) for name in known for seed in range(1, context.seeds + 1)]
+    done = context.run(work, jobs)
+    logs = {
+        each.job.path.stem: each.result
+        for each in done
+        if isinstance(each.job, Recorded) and each.result is not None
+    }
+    ordered: Flights = {name: [] for name in known}
+    for each in done:
+        if isinstance(each.job, Simulated) and each.result is not None:
+            ordered[each.job.scenario].append(each.result)
     page = SectionPage("flights", context)
     page.measured(*_recorded_rows(logs), *_simulated_rows(ordered), *_cost_rows(paths))
     _simulated_part(page, ordered)
     recordings = {name: logs[name] for name in RECORDED if name in logs}
     _recorded_part(page, recordings)
     _ablation_part(page, ordered, recordings)
+    page.failures(done)
     return page
 
 

@@ -2,7 +2,6 @@
 a reason."""
 
 import math
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,14 +27,13 @@ from companion.evaluation.metrics import Array, truth_at
 from companion.evaluation.samples import samples_of
 from companion.samples import Kind, Rows
 from companion.settings import CompanionSettings
-from sim.flight import Flight
 from sim.scenario import load_scenario
 from sim.studies.goals import Context
 from sim.studies.goals.goals import Measured
 from sim.studies.goals.section import SectionPage
 from sim.studies.goals.sensor_level import fly, hour
-from sim.studies.goals.work import run_jobs
 from sim.studies.page import BOUND, FUSED, OTHER, Value
+from sim.studies.runs import flown, results
 
 Row = dict[str, Any]
 ESTIMATOR = DEFAULT_ESTIMATOR
@@ -83,7 +81,8 @@ class Job(NamedTuple):
 def evaluate(context: Context) -> SectionPage:
     """Fly hours at sensor level, hours of JSBSim, and look at recorded flights."""
     page = SectionPage("protection", context)
-    rows = [row for found in run_jobs(work, _jobs(context), context) for row in found]
+    done = context.run(work, _jobs(context))
+    rows = [row for found in results(done) for row in found]
     page.text(
         "The protection level is to be exceeded at the integrity risk that is configured "
         "(`integrity_risk_probability`, an hour). An exceedance is an episode: it begins where the absolute error is "
@@ -102,6 +101,7 @@ def evaluate(context: Context) -> SectionPage:
     _tail(page, rows)
     _stanford(page, rows)
     _alarms(page, rows)
+    page.failures(done)
     return page
 
 
@@ -127,9 +127,7 @@ def work(job: Job) -> list[Row]:
         return [_sensor_hour(seed) for seed in range(job.seed, job.seed + job.hours)]
     if job.log is not None:
         return [_logged(job, job.log, job.log.stem)]
-    with tempfile.TemporaryDirectory(prefix="kollsman-protection-") as folder:
-        log = Path(folder) / "flight.tlog"
-        Flight(load_scenario(job.scenario), tlog=log, seed=job.seed).run()
+    with flown(load_scenario(job.scenario), job.seed) as (log, _):
         return [_logged(job, log, f"{job.scenario} {job.seed}")]
 
 

@@ -4,8 +4,6 @@ companion would publish."""
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,9 +14,9 @@ from sim.studies.goals.section import SectionPage
 from sim.studies.page import Value
 from sim.studies.real import found
 from sim.studies.real.faults import try_all, windows
-from sim.studies.real.gnss_errors import recorded
-from sim.studies.real.matrix import Cell, Trace, cells, fly, group
-from sim.studies.runs import Done, Row, executor_of, kept_parts, run
+from sim.studies.real.gnss_errors import logs
+from sim.studies.real.matrix import Cell, cells, fly, group, traces_in
+from sim.studies.runs import Row, results
 
 LONG_MIN = 30.0
 """flights that are shorter have too few independent errors to be compared with raw GNSS"""
@@ -32,45 +30,27 @@ def evaluate(context: Context) -> SectionPage:
     if context.data is None or not paths:
         page.text("Not run: `--data` names no folder with real flights.")
         return page
-    context.progress(0.0, "looking for stationary receivers")
-    traces = _traces(context.data)
-    jobs: list[Any] = list(cells(paths, traces, context.seeds))
+    searched = context.run(traces_in, logs(context.data))
+    traces = [trace for found_traces in results(searched) for trace in found_traces]
+    jobs = list(cells(paths, traces, context.seeds))
     jobs += [_with_elevation(cell) for cell in jobs if _asks_elevation(cell)]
-    faulty = list(windows(paths, _onsets(context)))
-    total = len(jobs) + len(faulty)
-    parts = kept_parts()
-
-    def report(start: int) -> Callable[[int, Done[Any] | None], None]:
-        return lambda done, _: context.progress(
-            (start + done) / total, f"{start + done} of {total} jobs"
-        )
-
-    with executor_of(context.workers) as executor:
-        flown = run(
-            fly, jobs, executor, parts=parts, weight=lambda each: each.plan.imu_hz,
-            on_done=report(0),
-        )  # fmt: skip
-        tried = run(
-            try_all, faulty, executor, parts=parts, weight=lambda each: each.imu_hz,
-            on_done=report(len(jobs)),
-        )  # fmt: skip
-    rows = [row for done in flown for row in done.rows]
-    faults = [row for done in tried for row in done.rows]
+    flown = context.run(fly, jobs, lambda cell: cell.plan.imu_hz)
+    tried = context.run(
+        try_all, list(windows(paths, _onsets(context))), lambda window: window.imu_hz
+    )
+    rows = [row for found_rows in results(flown) for row in found_rows]
+    faults = [row for found_rows in results(tried) for row in found_rows]
     page.measured(*_matrix_goals(rows), *_rtk_goals(rows), *_fault_goals(faults))
     page.text(_ABOUT.format(flights=", ".join(sorted({row["flight"] for row in rows}))))
     _matrix_part(page, rows)
     _fault_part(page, faults)
-    _failures(page, [*flown, *tried])
+    page.failures([*searched, *flown, *tried])
     return page
 
 
 def _onsets(context: Context) -> int:
     """Fault windows a flight and IMU rate: 3 for 8 seeds, 6 for 20."""
     return context.seeds // 4 + 1
-
-
-def _traces(data: Path) -> list[Trace]:
-    return [Trace(stretch.path, stretch.number) for stretch in recorded(data)]
 
 
 def _asks_elevation(cell: Cell) -> bool:
@@ -369,15 +349,6 @@ def _fault_part(page: SectionPage, rows: Sequence[Row]) -> None:
 
 def _never(value: float) -> str:
     return "never" if math.isinf(value) else f"{value:.1f}"
-
-
-def _failures(page: SectionPage, done: Sequence[Done[Any]]) -> None:
-    failed = [each for each in done if each.error is not None]
-    if failed:
-        page.text(
-            f"## Failures\n\n{len(failed)} jobs failed; they are tried again by the next run.\n\n"
-            + "\n".join(f"- `{each.job}`: {each.error}" for each in failed[:20])
-        )
 
 
 _ABOUT = """Flights: {flights}. What is real in each is said by its loader (`sim/studies/real`). A cell is one flight

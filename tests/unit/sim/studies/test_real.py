@@ -16,7 +16,7 @@ from companion.pipeline import Pipeline
 from companion.samples import Kind, SampleLog
 from companion.settings import CompanionSettings
 from sim.studies.real import found, source_of
-from sim.studies.real.gnss_errors import GaussMarkovError, recorded, stationary
+from sim.studies.real.gnss_errors import GaussMarkovError, logs, stationary
 from sim.studies.real.recording import Plan
 from tests.paths import DATA
 
@@ -135,7 +135,7 @@ def test_a_stationary_receiver_is_found_and_runs_to_and_fro() -> None:
 
 
 def test_nothing_stands_still_in_an_empty_folder(tmp_path: Path) -> None:
-    assert recorded(tmp_path) == []
+    assert logs(tmp_path) == []
     assert found(tmp_path) == []
 
 

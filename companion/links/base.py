@@ -69,6 +69,10 @@ class Link(Protocol):
         cannot keep up."""
         ...
 
+    def descriptors(self) -> list["HasFileno"]:
+        """What to wait on for the next bytes; empty where only `receive` can tell."""
+        ...
+
     def close(self) -> None:
         """Give everything back. Closing twice is fine; a closed link receives b"" and drops what is
         sent."""

@@ -54,17 +54,13 @@ class Router:
         self._next = 0
         self._seen: dict[bytes, tuple[int, int]] = {}
         """frame -> (port, time of arrival), oldest first"""
-        self._poll = time.monotonic()
         self.url = " + ".join(link.url for link in links)
         self.statistics = Statistics()
         self.source: Hashable = None
+        self.bytes_per_s = links[0].bytes_per_s
         self.repeated = 0
         """frames that came by a second way"""
         self.forwarded = 0
-
-    @property
-    def bytes_per_s(self) -> float | None:
-        return getattr(self._ports[0].link, "bytes_per_s", None)
 
     @property
     def state(self) -> LinkState:
@@ -125,10 +121,9 @@ class Router:
             frames = []
         if not frames:
             return b""
-        if hasattr(port.link, "trust"):
-            port.link.trust()
+        port.link.trust()
         port.traffic.take(frames, now_us)
-        self.source = (index, getattr(port.link, "source", None))
+        self.source = (index, port.link.source)
         fresh = [frame for frame in frames if self._is_first(frame, index, now_us)]
         for frame in fresh:
             if len(port.heard) < MOST_ROUTES:
@@ -175,7 +170,7 @@ class Router:
         descriptors: list[HasFileno] = []
         known = True
         for port in self._ports:
-            found = port.link.descriptors() if hasattr(port.link, "descriptors") else []
+            found = port.link.descriptors()
             known = known and bool(found)
             descriptors += found
         nap_s = min(timeout_s, 0.1 if known else NAP_S)

@@ -108,8 +108,10 @@ class UdpOut(BaseLink):
 
     def __init__(self, endpoint: Endpoint, clock: Clock) -> None:
         super().__init__(str(endpoint), clock)
+        local, at, remote = endpoint.address.partition("@")
+        self._local = int(local) if at else -1
+        endpoint = endpoint._replace(address=remote) if at else endpoint
         self._family, self._address = resolve(endpoint, socket.SOCK_DGRAM)[0]
-        self._local = endpoint.local
         _refuse_broadcast(endpoint, self._family, self._address)
         self._socket = self._connect()
         self._renewal = Backoff(clock)

@@ -29,20 +29,19 @@ class Endpoint(NamedTuple):
 
     scheme: str
     address: str
-    """host, path of a serial port, or name"""
+    """host, path of a serial port, or name; ``PORT@HOST`` where our own port matters (udpout)"""
     number: int = -1
     """port of a host, baud rate of a serial port (`AUTO_BAUD`: found out), -1 where neither makes
     sense"""
-    local: int = -1
-    """our own port, where a caller's matters; -1: any"""
 
     def __str__(self) -> str:
         if self.scheme == "serial" and self.number == AUTO_BAUD:
             return f"{self.scheme}:{self.address}:auto"
+        local, at, remote = self.address.partition("@")
+        if at:
+            return f"udp://:{local}@{Endpoint('', remote, self.number)}".replace("@:", "@")
         ipv6 = ":" in self.address and not self.address.startswith("/")
         address = f"[{self.address}]" if ipv6 else self.address
-        if self.local >= 0:
-            return f"udp://:{self.local}@{address}:{self.number}"
         return f"{self.scheme}:{address}" + (f":{self.number}" if self.number >= 0 else "")
 
 
@@ -97,7 +96,7 @@ def udp(scheme: str, rest: str, *, default_port: int) -> Endpoint:
     if not remote:
         return listens
     calls = host_port("udpout", remote, default_port=default_port, listens=False)
-    return calls._replace(local=listens.number)
+    return calls._replace(address=f"{listens.number}@{calls.address}")
 
 
 def serial_port(scheme: str, rest: str) -> Endpoint:

@@ -120,13 +120,14 @@ class HealthMonitor:
         if self._alive_us is None or self._height_us is None or self._usable_us is None:
             return False
         silent_us = self._settings.silent_s * 1e6
-        if host_us - self._alive_us > silent_us:
+        no_height = bool(self._needed) and host_us - self._height_us > silent_us
+        if host_us - self._alive_us > (0.5 * silent_us if no_height else silent_us):
             heard = others()
             return self.lose(f"vehicle silent, heard: {heard}" if heard else "nothing heard")
+        if no_height:
+            return self.lose("vehicle heard, but no barometer and no GNSS")
         if not self._needed:
             return False
-        if host_us - self._height_us > silent_us:
-            return self.lose("vehicle heard, but no barometer and no GNSS")
         if host_us - self._usable_us > max(self._settings.lost_s * 1e6, silent_us):
             return self.lose(f"no usable height for {self._settings.lost_s:g} s")
         return False

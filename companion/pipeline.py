@@ -160,7 +160,8 @@ class Pipeline:
 
         The two share the decoder, which keeps nothing between datagrams but its counters.
         """
-        other = copy.deepcopy(self, {id(each): each for each in (self.decoder, self._observer)})
+        shared = (self.decoder, self._observer, *self._encoders.values())
+        other = copy.deepcopy(self, {id(each): each for each in shared})
         other._sends = False
         other.observe(observer)
         return other

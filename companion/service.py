@@ -10,6 +10,7 @@ from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from companion.admission import Admission
 from companion.backlog import Backlog
 from companion.checkpoint import Checkpoint
 from companion.clock import Clock
@@ -116,6 +117,7 @@ class Service:
         self._start_us = start_us
         self._traffic = Traffic()
         self._backlog = Backlog()
+        self._admission = Admission()
         self._heard_us = start_us
         self._heartbeat_due_us = start_us
         self._flushed = True
@@ -139,11 +141,14 @@ class Service:
         data = self.link.receive(timeout_s)
         now_us = self.clock.now_us()
         self._backlog.received(now_us, timeout_s, bool(data))
+        if data and not self._admission.admits(self.link.source, len(data), now_us):
+            data = b""
         if data:
             self._heard_us, self._flushed = now_us, False
             frames = self.pipeline.feed(Packet(now_us, data), self.link.source)
             if self.pipeline.frames:
                 self.link.trust()
+                self._admission.framed(self.link.source, now_us)
             self._traffic.take(self.pipeline.frames, now_us)
             self._backlog.handled(now_us, self.pipeline.now_us)
             self._record_heard(now_us)

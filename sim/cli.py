@@ -226,7 +226,7 @@ def list_scenarios(
     table.add_column("flight, and what it should show")
     for name in scenario_paths():
         scenario = load_scenario(name)
-        table.add_row(name, scenario.aircraft, f"{scenario.summary} {scenario.expected}".strip())
+        table.add_row(name, scenario.aircraft, f"{scenario.summary} {scenario.about}".strip())
     Console().print(table)
 
 

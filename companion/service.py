@@ -100,7 +100,10 @@ class Service:
         self.sent_frames = 0
         self.outdated = 0
         """frames that were not sent because they were made of old samples"""
-        listeners = {mavlink.MAVLINK_MSG_ID_COMMAND_ACK: self._acknowledged}
+        listeners = {
+            mavlink.MAVLINK_MSG_ID_COMMAND_ACK: self._acknowledged,
+            mavlink.MAVLINK_MSG_ID_TIMESYNC: self._time_asked,
+        }
         self.pipeline = Pipeline(settings, observer=observer, listeners=listeners)
         if earlier is not None:
             self.pipeline.identity.resume(earlier.pipeline.identity, clock.now_us())
@@ -268,6 +271,13 @@ class Service:
         except LogFormatError as error:
             logger.error("recording stops: %s", error)
             self._recorder = None
+
+    def _time_asked(self, message: Message) -> None:
+        """The vehicle compares its clock with ours."""
+        if message.tc1 == 0:  # a request, not an answer
+            now_us = self.clock.now_us()
+            answer = mavlink.MAVLink_timesync_message(now_us * 1000, message.ts1)
+            self._send(self.pipeline.encode(answer), now_us)
 
     def _acknowledged(self, message: Message) -> None:
         self._streaming.acknowledge(message, self.clock.now_us())

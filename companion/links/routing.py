@@ -97,7 +97,7 @@ class Router:
     def send(self, data: bytes) -> bool:
         """A frame of our own: to everybody, or where its target was heard."""
         found = scan(data)
-        ports = range(len(self._ports))
+        ports: Sequence[int] = range(len(self._ports))
         if isinstance(found, Frame):
             ports = self._toward(found, -1) or ports
         sent = [self._ports[index].link.send(data) for index in ports]
@@ -166,16 +166,14 @@ class Router:
         ]
         return exactly or somewhere
 
+    def descriptors(self) -> list[HasFileno]:
+        return [each for port in self._ports for each in port.link.descriptors()]
+
     def _wait(self, timeout_s: float) -> None:
-        descriptors: list[HasFileno] = []
-        known = True
-        for port in self._ports:
-            found = port.link.descriptors()
-            known = known and bool(found)
-            descriptors += found
+        known = all(port.link.descriptors() for port in self._ports)
         nap_s = min(timeout_s, 0.1 if known else NAP_S)
         try:
-            select.select(descriptors, [], [], nap_s)
+            select.select(self.descriptors(), [], [], nap_s)
         except (OSError, ValueError):  # one was closed under us
             time.sleep(nap_s)
 

@@ -677,11 +677,12 @@ def test_a_serial_port_that_appears_later(tmp_path: Path) -> None:
     peer.vanish()
     with contextlib.closing(open_link(peer.url)) as link:
         assert link.receive(0.1) == b""
-        assert link.state is LinkState.WAITING
+        states = [link.state]
         peer.come_back()
         with contextlib.closing(peer):
             Rig(peer, link, SystemClock()).meet()
-            assert link.state is LinkState.OPEN
+            states.append(link.state)
+    assert states == [LinkState.WAITING, LinkState.OPEN]
 
 
 @pytest.mark.parametrize("baud", [57600, 115200, 921600])

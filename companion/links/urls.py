@@ -38,7 +38,7 @@ class Endpoint(NamedTuple):
         if self.scheme == "serial" and self.number == AUTO_BAUD:
             return f"{self.scheme}:{self.address}:auto"
         local, at, remote = self.address.partition("@")
-        if at:
+        if at and self.scheme == "udpout":
             return f"udp://:{local}@{Endpoint('', remote, self.number)}".replace("@:", "@")
         ipv6 = ":" in self.address and not self.address.startswith("/")
         address = f"[{self.address}]" if ipv6 else self.address

@@ -52,6 +52,8 @@ from companion.samples import Record
 PER_H = 1.0 / 3600.0
 SURPRISE_SIGMA = 3.0
 SWITCH_US, SEARCH_US = 1_000_000, 10_000_000
+UNSEEN_M = 1.0
+"""What a vehicle has moved by when a motion that the IMU did not tell is first supposed."""
 DEFENDED_SD_M, KNOWN_AGAIN_M = 30.0, 10.0
 """A height without GNSS that is worse is of no use; the offset of a barometer that was wrong is
 known again when the height is."""
@@ -118,6 +120,7 @@ def suppose_motion(bank: Record, p: Record, is_blind: bool, elapsed_s: float) ->
     slot = suppose(bank, top, MO, BO, prior)
     if slot >= 0:
         bank.P[slot, CLIMB, CLIMB] += p.manoeuvre_mps * p.manoeuvre_mps
+        bank.P[slot, HEIGHT, HEIGHT] += UNSEEN_M * UNSEEN_M
 
 
 @step

@@ -188,7 +188,7 @@ LOWEST_PA, HIGHEST_PA = 1_000.0, 120_000.0
 OUTPUT_US = 100_000
 """An estimate is no older than this while there is an IMU."""
 FASTEST_CLIMB_MPS = 200.0
-OUTAGE_S = 10.0
+OUTAGE_S = 5.0
 """A barometer that went wrong in an outage of GNSS as long as this was not seen to do so."""
 SILENT_US = 2_000_000
 DATUM_SIGMA = 5.0

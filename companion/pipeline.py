@@ -403,7 +403,11 @@ class Pipeline:
         self.checker.sample(kind, row)
         verdict = self.filter.step(kind, row)
         self.verdicts[kind][verdict] += 1
+<<<<<<< HEAD
         if instance == 0 or verdict is Verdict.USED:
+=======
+        if row[0]["instance"] == 0:
+>>>>>>> main
             self.health.sample(kind, verdict, self.now_us, int(row[0]["arrival_us"]))
         self.outputs.sample(kind, row, verdict, self.filter.estimate)
         if self._observer is not None:
@@ -417,7 +421,8 @@ class Pipeline:
         messages: list[Message] = []
         changed = False
         if used or self.health.is_due(now_us):
-            objection = self.checker.objection(now_us, float(estimate[0]["altitude_amsl_m"]))
+            altitude_m = float(estimate[0]["altitude_amsl_m"])
+            objection = self.intake.objection or self.checker.objection(now_us, altitude_m)
             changed = self.health.assess(now_us, estimate, objection)
             if self.checker.asks_restart(now_us, supported=self.health.has_altitude):
                 self._restart_estimator()

@@ -181,17 +181,12 @@ class HealthMonitor:
         )  # an inertial estimate goes on without any
         if now_us - newest_us > settings.lost_s * 1e6:
             return Health.LOST, f"no usable height for {settings.lost_s:g} s"
-<<<<<<< HEAD
-        if sd_m > settings.sd_lost_m:
-            return Health.LOST, f"altitude uncertain by {sd_m:.0f} m"
-        if level_m > settings.level_lost_m:
-            return Health.LOST, f"altitude may be wrong by {level_m:.0f} m"
-=======
->>>>>>> main
         if objection:
             return Health.LOST, objection
         if sd_m > settings.sd_lost_m:
             return Health.LOST, f"altitude uncertain by {sd_m:.0f} m"
+        if level_m > settings.level_lost_m:
+            return Health.LOST, f"altitude may be wrong by {level_m:.0f} m"
         missing = self._missing(now_us)
         if missing:
             return Health.DEGRADED, missing

@@ -71,6 +71,7 @@ def _options(
 
 
 app.command(epilog=live_cli.RUN_EXAMPLES)(live_cli.run)
+app.command(epilog=live_cli.DOCTOR_EXAMPLES)(live_cli.doctor)
 
 
 app.command(epilog=log_cli.REPLAY_EXAMPLES)(log_cli.replay)

@@ -160,7 +160,8 @@ class Pipeline:
 
         The two share the decoder, which keeps nothing between datagrams but its counters.
         """
-        other = copy.deepcopy(self, {id(each): each for each in (self.decoder, self._observer)})
+        shared = (self.decoder, self._observer, *self._encoders.values())
+        other = copy.deepcopy(self, {id(each): each for each in shared})
         other._sends = False
         other.observe(observer)
         return other
@@ -402,7 +403,7 @@ class Pipeline:
         self.checker.sample(kind, row)
         verdict = self.filter.step(kind, row)
         self.verdicts[kind][verdict] += 1
-        if instance == 0:
+        if row[0]["instance"] == 0:
             self.health.sample(kind, verdict, self.now_us, int(row[0]["arrival_us"]))
         self.outputs.sample(kind, row, verdict, self.filter.estimate)
         if self._observer is not None:
@@ -416,7 +417,8 @@ class Pipeline:
         messages: list[Message] = []
         changed = False
         if used or self.health.is_due(now_us):
-            objection = self.checker.objection(now_us, float(estimate[0]["altitude_amsl_m"]))
+            altitude_m = float(estimate[0]["altitude_amsl_m"])
+            objection = self.intake.objection or self.checker.objection(now_us, altitude_m)
             changed = self.health.assess(now_us, estimate, objection)
             if self.checker.asks_restart(now_us, supported=self.health.has_altitude):
                 self._restart_estimator()

@@ -26,6 +26,8 @@ def _show_session(session: dict[str, Any]) -> None:
         f"\nsession {session['session']}: {what}, from {start}{reboot}, "
         f"{session['duration_s']:.0f} s, {session['estimator']}"
     )
+    for note in session["notes"]:
+        print(f"note: {note}")
     verdicts = ("used", "gated", "stale", "invalid", "ignored")
     table = Table("samples", *verdicts, box=None, pad_edge=False)
     for kind, counts in session["samples"].items():

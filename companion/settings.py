@@ -7,6 +7,7 @@ from typing import Any, Literal
 import yaml
 from pydantic import Field, create_model
 
+from companion.checkpoint_settings import CheckpointSettings
 from companion.config import Settings, load, validate
 from companion.errors import ConfigError
 from companion.estimators import DEFAULT_ESTIMATOR, ESTIMATORS
@@ -67,6 +68,7 @@ class CompanionSettings(Settings):
     publish: PublishSettings = PublishSettings()
     streams: StreamSettings = StreamSettings()
     record: RecordSettings = RecordSettings()
+    checkpoint: CheckpointSettings = CheckpointSettings()
     estimators: EstimatorSections = EstimatorSections()
 
     def section(self, estimator: str) -> Settings:

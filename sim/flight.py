@@ -186,7 +186,7 @@ class Flight:
             None if aloft is None else aloft.altitude_amsl_m,
         )
         self._stall = StallWatch(self.aircraft)
-        self.weather = Weather(scenario.weather, self.aircraft)
+        self.weather = Weather(scenario.weather, self.aircraft, seed)
         if scenario.endless_fuel:
             self.aircraft.freeze_fuel()
         self.aircraft.settle()

@@ -321,7 +321,8 @@ class Identity:
     def _tell_unfit(self, speaker: tuple[int, int], heard: _Autopilot, message: Message) -> None:
         """One line about an autopilot with ids that are not followed unless configured."""
         lasts = heard.last_us - heard.first_us >= SETTLE_US
-        if heard.told or not lasts or self.vehicle is not None:
+        is_another = self._wanted is not None and speaker[0] != self._wanted
+        if heard.told or not lasts or is_another or self.vehicle is not None:
             return
         heard.told = True
         keys = f"vehicle.system_id: {speaker[0]} and vehicle.component_id: {speaker[1]}"

@@ -53,6 +53,8 @@ class Session(Generic[Seen]):
     """messages of the vehicle by id"""
     health: str = "LOST"
     reason: str = ""
+    notes: list[str] = field(default_factory=list)
+    """who else spoke, and when the vehicle fell silent"""
     rebooted: bool = False
     """it began with a restart of the vehicle's clock"""
 
@@ -129,6 +131,7 @@ class _Splitter(Generic[Seen]):
         session.samples = {kind: now.samples[kind] - base.samples[kind] for kind in Kind}
         session.left_out = now.left_out - base.left_out
         session.heard = now.heard - base.heard
+        session.notes = list(pipeline.identity.notes)
         session.health, session.reason = pipeline.health.health.name, pipeline.health.reason
         if session.has_height:
             self.sessions.append(session)
@@ -194,13 +197,14 @@ def sessions_of(
     refuse_junk(reader)
     found = list(first.sessions)
     latched = first.pipeline.identity.vehicle
-    if settings.vehicle.system_id is None and latched is not None:
-        for system_id in sorted(set(first.autopilots) - {latched[0], 0}):
+    if settings.vehicle.system_id is None:
+        for system_id in sorted(set(first.autopilots) - {latched[0] if latched else 0, 0}):
             vehicle = settings.vehicle.model_copy(update={"system_id": system_id})
             other = settings.model_copy(update={"vehicle": vehicle})
             found += _pass(reader, other, observe, make, None, None).sessions
     if not found:
-        heard = f"vehicle {latched[0]}/{latched[1]}" if latched else "no vehicle"
+        told = "; ".join(first.pipeline.identity.notes) or "no vehicle"
+        heard = f"vehicle {latched[0]}/{latched[1]}" if latched else told
         raise LogFormatError(
             f"{getattr(reader, 'path', 'the log')}: nothing usable in it: {heard}, no barometer and "
             "no GNSS height"

@@ -106,6 +106,7 @@ def summarise(
             "reason": session.reason,
             "share": recording.health_shares(),
         },
+        "notes": session.notes,
         "samples": _samples(session),
         "left_out": {cause: n for cause, n in session.left_out.items() if n},
         "suspect": recording.suspected(),

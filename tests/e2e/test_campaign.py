@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from companion.config import validate
+from companion.jobs import executor_of
 from sim.scenario import Scenario, load_scenario
 from sim.studies import campaign, runs
 

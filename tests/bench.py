@@ -28,6 +28,7 @@ from typing import Any
 
 import numpy as np
 
+from companion.jobs import executor_of
 from companion.mavlink.codec import Decoder, Encoder, Message, mavlink
 from companion.settings import CompanionSettings
 from sim import STEPS_PER_TICK, TICK_US

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from companion.backlog import Backlog
 from companion.clock import Clock
 from companion.errors import LogFormatError
+from companion.feedback import start_feedback
 from companion.health import Health
 from companion.links import Link
 from companion.logs import LogWriter
@@ -89,7 +90,12 @@ class Service:
         self.outdated = 0
         """frames that were not sent because they were made of old samples"""
         listeners = {mavlink.MAVLINK_MSG_ID_COMMAND_ACK: self._acknowledged}
-        self.pipeline = Pipeline(settings, observer=observer, listeners=listeners)
+        self.pipeline = Pipeline(
+            settings,
+            observer=observer,
+            listeners=listeners,
+            feedback=start_feedback(settings.feedback, link.url),
+        )
         self.pipeline.on_own_ids(self._own_ids_heard)
         self.pipeline.on_rate_request(self._rate_requested)
         self._streaming = Streaming(self.pipeline, settings, link.bytes_per_s)
@@ -187,6 +193,8 @@ class Service:
         """Say goodbye: the message rates go back to what they were, and ALTITUDE carries the
         vehicle's own height, at which a ground station's display will stand."""
         now_us = self.clock.now_us()
+        for message in self.pipeline.feedback.stop():
+            self._send(self.pipeline.encode(message), now_us)
         self._send(self.pipeline.farewell(now_us), now_us)
         for message in self._streaming.restore():
             self._send(self.pipeline.encode(message), now_us)

@@ -10,6 +10,7 @@ from pydantic import Field, create_model
 from companion.config import Settings, load, validate
 from companion.errors import ConfigError
 from companion.estimators import DEFAULT_ESTIMATOR, ESTIMATORS
+from companion.feedback import FeedbackSettings
 from companion.health import HealthSettings
 from companion.intake import IntakeSettings
 from companion.mavlink.identity import AUTOPILOT_COMPONENT_ID, OUR_COMPONENT_ID
@@ -75,6 +76,7 @@ class CompanionSettings(Settings):
     health: HealthSettings = HealthSettings()
     publish: PublishSettings = PublishSettings()
     streams: StreamSettings = StreamSettings()
+    feedback: FeedbackSettings = FeedbackSettings()
     record: RecordSettings = RecordSettings()
     estimators: EstimatorSections = EstimatorSections()
 

@@ -328,10 +328,10 @@ class Pipeline:
         elif message_id == GLOBAL_POSITION_INT:
             self._compare(False, convert.global_position(message))
             self.feedback.height(*convert.own_heights(message))
-        elif message_id == PARAM_VALUE:
-            self.feedback.parameter(message)
             own_height = self.outputs.own_height(message, self.now_us, self.health.health)
             return self._publish(own_height) if own_height is not None else []
+        elif message_id == PARAM_VALUE:
+            self.feedback.parameter(message)
         sent: list[bytes] = []
         for reading in self._readings(message, message_id):
             sent += self._reading(reading, message_id, arrival_us)

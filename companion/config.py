@@ -33,6 +33,7 @@ UNITS = {
     "_m2ps": "m2/s", "_m2ps3": "m2/s3",
     "_mps2_rthz": "m/s2/sqrt(Hz)", "_radps_rthz": "rad/s/sqrt(Hz)", "_rts": "1/sqrt(s)", "_m_rts": "m/sqrt(s)",
     "_mps2_rts": "m/s2/sqrt(s)", "_radps_rts": "rad/s/sqrt(s)", "_h": "h", "_pa_per_k": "Pa/K", "_pa_per_g": "Pa/g",
+    "_m_per_h": "m/h", "_pa_per_s": "Pa/s", "_pa_rts": "Pa/sqrt(s)",
     "_mps2_per_k": "m/s2/K", "_radps_per_k": "rad/s/K", "hpa_per_100km": "hPa/100 km",
 }  # fmt: skip
 

@@ -85,6 +85,13 @@ class HealthMonitor:
         self._better_since_us: int | None = None
         self._assessed_us = -ASSESS_US
 
+    def shift(self, by_us: int) -> None:
+        """Move every instant: our own pause of this length was no silence of the vehicle."""
+        self._used_us = {kind: used_us + by_us for kind, used_us in self._used_us.items()}
+        if self._better_since_us is not None:
+            self._better_since_us += by_us
+        self._alive_us = self._height_us = self._usable_us = None
+
     def alive(self, host_us: int) -> None:
         """A frame of the vehicle arrived."""
         self._alive_us = host_us
@@ -113,13 +120,14 @@ class HealthMonitor:
         if self._alive_us is None or self._height_us is None or self._usable_us is None:
             return False
         silent_us = self._settings.silent_s * 1e6
-        if host_us - self._alive_us > silent_us:
+        no_height = bool(self._needed) and host_us - self._height_us > silent_us
+        if host_us - self._alive_us > (0.5 * silent_us if no_height else silent_us):
             heard = others()
             return self.lose(f"vehicle silent, heard: {heard}" if heard else "nothing heard")
+        if no_height:
+            return self.lose("vehicle heard, but no barometer and no GNSS")
         if not self._needed:
             return False
-        if host_us - self._height_us > silent_us:
-            return self.lose("vehicle heard, but no barometer and no GNSS")
         if host_us - self._usable_us > max(self._settings.lost_s * 1e6, silent_us):
             return self.lose(f"no usable height for {self._settings.lost_s:g} s")
         return False
@@ -169,10 +177,10 @@ class HealthMonitor:
         )  # an inertial estimate goes on without any
         if now_us - newest_us > settings.lost_s * 1e6:
             return Health.LOST, f"no usable height for {settings.lost_s:g} s"
-        if sd_m > settings.sd_lost_m:
-            return Health.LOST, f"altitude uncertain by {sd_m:.0f} m"
         if objection:
             return Health.LOST, objection
+        if sd_m > settings.sd_lost_m:
+            return Health.LOST, f"altitude uncertain by {sd_m:.0f} m"
         missing = self._missing(now_us)
         if missing:
             return Health.DEGRADED, missing

@@ -22,6 +22,7 @@ from companion.common_cli import (
 from companion.output import Output, set_up_logging, timestamp
 
 if TYPE_CHECKING:
+    from companion.links import Link
     from companion.service import Service, Status
     from companion.settings import CompanionSettings
 
@@ -31,6 +32,12 @@ Examples:
   ArduPilot SITL:                           kollsman run tcp:127.0.0.1:5762
   A Pixhawk on a Raspberry Pi's UART:       kollsman run /dev/ttyAMA0:921600
   A Pixhawk on USB, recorded:               kollsman run /dev/ttyACM0 --record flights/
+"""
+
+DOCTOR_EXAMPLES = """\b
+Examples:
+  kollsman doctor /dev/ttyAMA0:57600
+  kollsman doctor udpin:0.0.0.0:14550 --seconds 30
 """
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -75,9 +82,11 @@ def run(
     say_if_compiling(settings.estimator)
     settings = _with_options(settings, record, system_id, component_id)
 
+    from companion.checkpoint import Checkpoint, fingerprint
     from companion.clock import SystemClock
     from companion.links import open_link
     from companion.recording import Recording
+    from companion.restarts import serve
     from companion.service import Service
     from companion.warmup import warm_up
 
@@ -88,12 +97,33 @@ def run(
         path = settings.record.path
         recorder = stack.enter_context(Recording(path, settings.record)) if path else None
         warm_up(settings)
-        service = Service(opened, settings, clock, recorder=recorder)
-        lines = StatusLine(service, output, as_json=as_json)
-        lines.ready(time.perf_counter() - started_s)
-        service.run(lambda: bool(stopped), lines.show)
+        keeper = Checkpoint(settings.checkpoint, [opened.url], fingerprint(settings))
+        lines: StatusLine | None = None
+
+        def make() -> Service:
+            earlier = lines.service if lines is not None else None
+            return Service(
+                opened, settings, clock, recorder=recorder, checkpoint=keeper, earlier=earlier
+            )
+
+        def run_one(service: Service) -> None:
+            nonlocal lines
+            lines = StatusLine(service, output, as_json=as_json)
+            lines.ready(time.perf_counter() - started_s)
+            service.run(lambda: bool(stopped), lines.show)
+
+        _drain(opened)
+        serve(make, run_one, clock)
         stack.close()
-        lines.stopped(recorder)
+        if lines is not None:
+            lines.stopped(recorder)
+
+
+def _drain(link: "Link") -> None:
+    """Discard what arrived while the code was compiled or loaded: it is old."""
+    end_s = time.monotonic() + 1.0
+    while link.receive(0.0) and time.monotonic() < end_s:
+        pass
 
 
 def _with_options(
@@ -117,7 +147,7 @@ class StatusLine:
     PLAIN_PERIOD_S = 60.0
 
     def __init__(self, service: "Service", output: Output, *, as_json: bool = False) -> None:
-        self._service = service
+        self.service = service
         self._output = output
         self._json = as_json
         self._terminal = output.is_terminal and not as_json
@@ -125,7 +155,7 @@ class StatusLine:
 
     def ready(self, elapsed_s: float) -> None:
         """The service is about to start."""
-        estimator, url = self._service.settings.estimator, self._service.link.url
+        estimator, url = self.service.settings.estimator, self.service.link.url
         if self._json:
             self._object("ready", start_s=round(elapsed_s, 1), estimator=estimator, link=url)
         else:
@@ -150,10 +180,10 @@ class StatusLine:
         """The service has ended."""
         paths = [str(path) for path in recorder.paths] if recorder is not None else []
         if self._json:
-            self._object("stopped", summary=self._service.summary(), recorded=paths)
+            self._object("stopped", summary=self.service.summary(), recorded=paths)
             return
         start = "\n" if self._terminal else ""
-        self._output.line(f"{start}stopped: {self._service.summary()}")
+        self._output.line(f"{start}stopped: {self.service.summary()}")
         for path in paths:
             self._output.line(f"recorded {path}")
 
@@ -205,3 +235,50 @@ def _stop_signals() -> Iterator[list[int]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def doctor(
+    link: Annotated[
+        str,
+        typer.Argument(
+            help="Where the autopilot is; `kollsman links` lists the forms.",
+            envvar="KOLLSMAN_LINK",
+        ),
+    ],
+    *,
+    config: ConfigOption = None,
+    seconds: Annotated[
+        float, typer.Option(min=1, max=3600, help="How long to listen.", metavar="S")
+    ] = 15.0,
+    as_json: Annotated[bool, typer.Option("--json", help="The findings as JSON.")] = False,
+) -> None:
+    """Listen to a vehicle for some seconds: what is heard, what is missing, which parameter to set.
+
+    Ends with 1 when something is wrong.
+    """
+    settings = resolve_settings(config, None)
+    say_if_compiling(settings.estimator)
+
+    from companion import doctor as examining
+    from companion.clock import SystemClock
+    from companion.links import open_link
+    from companion.warmup import warm_up
+
+    clock, output = SystemClock(), Output()
+    warm_up(settings)
+    opened = open_link(link, clock)
+    with ExitStack() as stack:
+        stack.callback(opened.close)
+        case, findings = examining.examine(opened, settings, clock, seconds)
+    if as_json:
+        listed = [
+            {"grade": each.grade.name.lower(), "what": each.what, "cure": each.cure}
+            for each in findings
+        ]
+        heard = [line.strip() for line in examining.report(case, [])]
+        output.line(json.dumps({"findings": listed, "heard": heard}, ensure_ascii=False))
+    else:
+        for line in examining.report(case, findings):
+            output.line(line)
+    if any(each.grade is examining.Grade.WRONG for each in findings):
+        raise typer.Exit(1)

@@ -15,6 +15,7 @@ from companion.estimators import ESTIMATORS, Filter
 from companion.feedback import Feedback, Situation
 from companion.health import HealthMonitor
 from companion.intake import Intake, SampleReject, restart_row
+from companion.known_air import KnownAir
 from companion.mavlink import convert
 from companion.mavlink.codec import Decoder, Encoder, Frame, Message, mavlink
 from companion.mavlink.identity import Identity, Origin
@@ -108,8 +109,10 @@ class Pipeline:
         self._listeners = dict(listeners or {})
         self._encoders: dict[tuple[int, int], Encoder] = {}
         self._answers = Allowance(ANSWERS_PER_S)
+        self._thermometers = convert.THERMOMETERS[settings.intake.air_temperature]
         self._wanted = set(convert.CONVERTERS) | {
             *(RAW_IMU, SYSTEM_TIME, ALTITUDE, GLOBAL_POSITION_INT),
+            *self._thermometers,
             *self._listeners,
         }
         if self.feedback.knob is not None:
@@ -128,9 +131,7 @@ class Pipeline:
         self.outputs = Outputs(settings.publish)
         self._imu = ImuSelector()
         self._scaled_pressure_us = -PRESSURE_TIMEOUT_US
-        self._tells_air = self._knows_air = (
-            settings.air.qnh_hpa is not None or settings.air.temperature_c is not None
-        )
+        self.air = KnownAir(settings.air)
 
     @property
     def wanted(self) -> frozenset[int]:
@@ -166,10 +167,30 @@ class Pipeline:
 
         The two share the decoder, which keeps nothing between datagrams but its counters.
         """
-        other = copy.deepcopy(self, {id(each): each for each in (self.decoder, self._observer)})
+        shared = (self.decoder, self._observer, *self._encoders.values())
+        other = copy.deepcopy(self, {id(each): each for each in shared})
         other._sends = False
         other.observe(observer)
         return other
+
+    def set_air(
+        self,
+        *,
+        qnh_hpa: float | None = None,
+        temperature_c: float | None = None,
+        field_elevation_m: float | None = None,
+        metar: str | None = None,
+    ) -> None:
+        """Set what is known of the air in flight; the estimator gets it with the next pressure.
+
+        Raises `ConfigError` for a value that is not possible.
+        """
+        self.air.set(
+            qnh_hpa=qnh_hpa,
+            temperature_c=temperature_c,
+            field_elevation_m=field_elevation_m,
+            metar=metar,
+        )
 
     def on_own_ids(self, callback: Callable[[Frame], None]) -> None:
         """Call back for every frame that carries our own ids."""
@@ -345,7 +366,9 @@ class Pipeline:
         if message_id == RAW_IMU:
             return self._imu.raw_imu(message, self.identity.autopilot)
         converter = convert.CONVERTERS.get(message_id)
-        return converter(message) if converter is not None else ()
+        readings = converter(message) if converter is not None else ()
+        thermometer = self._thermometers.get(message_id)
+        return readings + thermometer(message) if thermometer is not None else readings
 
     def _reading(self, reading: convert.Reading, message_id: int, arrival_us: int) -> list[bytes]:
         time_us, reboot = self.intake.place(reading, message_id, arrival_us)
@@ -356,7 +379,7 @@ class Pipeline:
             self.checker.restart()
             self.feedback.restart()
             self._scaled_pressure_us = -PRESSURE_TIMEOUT_US
-            self._tells_air = self._knows_air
+            self.air.restart()
             sent += self._sample(Kind.STATUS, 0, reboot)
         if time_us is None:
             return sent
@@ -382,10 +405,9 @@ class Pipeline:
         return False
 
     def _sample(self, kind: Kind, instance: int, row: Rows) -> list[bytes]:
-        if self._tells_air and kind is Kind.PRESSURE:
-            self._tells_air = False
-            known = self.settings.air
-            self._sample(Kind.AIR, 0, self.intake.air(known.qnh_hpa, known.temperature_c, row))
+        if self.air.waits and kind is Kind.PRESSURE:
+            self.air.waits = False
+            self._sample(Kind.AIR, 0, self.intake.air(self.air, row))
         self.identity.measured(kind)
         return self._step(kind, instance, row)
 
@@ -394,7 +416,7 @@ class Pipeline:
         self.checker.sample(kind, row)
         verdict = self.filter.step(kind, row)
         self.verdicts[kind][verdict] += 1
-        if instance == 0:
+        if row[0]["instance"] == 0:
             self.health.sample(kind, verdict, self.now_us, int(row[0]["arrival_us"]))
         self.outputs.sample(kind, row, verdict, self.filter.estimate)
         if self._observer is not None:
@@ -408,7 +430,8 @@ class Pipeline:
         messages: list[Message] = []
         changed = False
         if used or self.health.is_due(now_us):
-            objection = self.checker.objection(now_us, float(estimate[0]["altitude_amsl_m"]))
+            altitude_m = float(estimate[0]["altitude_amsl_m"])
+            objection = self.intake.objection or self.checker.objection(now_us, altitude_m)
             changed = self.health.assess(now_us, estimate, objection)
             if self.checker.asks_restart(now_us, supported=self.health.has_altitude):
                 self._restart_estimator()
@@ -451,7 +474,7 @@ class Pipeline:
         """Start the estimator anew. Observers see its samples only, as another would get them."""
         row = restart_row(self.now_us, self.now_us)
         self.filter.step(Kind.STATUS, row)
-        self._tells_air = self._knows_air
+        self.air.restart()
         reason = f"estimator restarted, {self.health.reason}"
         logger.warning("%s (restart %d)", reason, self.checker.restarts)
         if self.settings.publish.statustext:

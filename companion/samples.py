@@ -167,6 +167,7 @@ ESTIMATE = np.dtype(
         ("drift_probabilities", "f8", (3,)),  # of calm, fair, stormy weather
         ("faulty", "i8"),  # a `FaultySensor`
         ("faulty_since_us", "i8"),
+        ("fault_probabilities", "f8", (3,)),  # of barometer, GNSS, IMU being wrong
     ],
     align=True,
 )

@@ -10,7 +10,9 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from companion.admission import Admission
 from companion.backlog import Backlog
+from companion.checkpoint import Checkpoint
 from companion.clock import Clock
 from companion.errors import LogFormatError
 from companion.feedback import start_feedback
@@ -71,6 +73,8 @@ class Service:
     link, settings, clock : what to run on.
     recorder : where to write every frame heard and sent.
     observer : sees the pipeline from inside.
+    checkpoint : where the state is kept in case this process is killed.
+    earlier : a service on the same link that failed; its vehicle is followed at once.
     """
 
     def __init__(
@@ -81,6 +85,8 @@ class Service:
         *,
         recorder: LogWriter | None = None,
         observer: Observer | None = None,
+        checkpoint: Checkpoint | None = None,
+        earlier: "Service | None" = None,
     ) -> None:
         self.link = link
         self.clock = clock
@@ -96,7 +102,12 @@ class Service:
             listeners=listeners,
             feedback=start_feedback(settings.feedback, link.url),
         )
+        if earlier is not None:
+            self.pipeline.identity.resume(earlier.pipeline.identity, clock.now_us())
         self.pipeline.on_own_ids(self._own_ids_heard)
+        self._checkpoint = checkpoint
+        is_first = checkpoint is not None and earlier is None
+        self._resumption = checkpoint.restore(self.pipeline) if checkpoint and is_first else None
         self.pipeline.on_rate_request(self._rate_requested)
         self._streaming = Streaming(self.pipeline, settings, link.bytes_per_s)
         self._recorder = recorder
@@ -105,6 +116,7 @@ class Service:
         start_us = clock.now_us()
         self._start_us = start_us
         self._backlog = Backlog()
+        self._admission = Admission()
         self._heard_us = start_us
         self._heartbeat_due_us = start_us
         self._flushed = True
@@ -128,14 +140,18 @@ class Service:
         data = self.link.receive(timeout_s)
         now_us = self.clock.now_us()
         self._backlog.received(now_us, timeout_s, bool(data))
+        if data and not self._admission.admits(self.link.source, len(data), now_us):
+            data = b""
         if data:
             self._heard_us, self._flushed = now_us, False
             frames = self.pipeline.feed(Packet(now_us, data), self.link.source)
             if self.pipeline.frames:
                 self.link.trust()
+                self._admission.framed(self.link.source, now_us)
             self._backlog.handled(now_us, self.pipeline.now_us)
             self._record_heard(now_us)
             self._send(self._current(frames), now_us)
+            self._keep_state(now_us)
         elif now_us - self._heard_us > QUIET_US and not self._flushed:
             self._flushed = True
             self._send(self.pipeline.flush(now_us), now_us)
@@ -198,6 +214,12 @@ class Service:
         self._send(self.pipeline.farewell(now_us), now_us)
         for message in self._streaming.restore():
             self._send(self.pipeline.encode(message), now_us)
+
+    def _keep_state(self, now_us: int) -> None:
+        if self._resumption is not None and not self._resumption.settled:
+            self._resumption.check(now_us)
+        elif self._checkpoint is not None:
+            self._checkpoint.save(self.pipeline)
 
     def _current(self, frames: list[bytes]) -> list[bytes]:
         """`frames` without those that tell an altitude of long ago."""

@@ -7,12 +7,14 @@ from typing import Any, Literal
 import yaml
 from pydantic import Field, create_model
 
+from companion.checkpoint_settings import CheckpointSettings
 from companion.config import Settings, load, validate
 from companion.errors import ConfigError
 from companion.estimators import DEFAULT_ESTIMATOR, ESTIMATORS
 from companion.feedback import FeedbackSettings
 from companion.health import HealthSettings
 from companion.intake import IntakeSettings
+from companion.known_air import AirSettings
 from companion.mavlink.identity import AUTOPILOT_COMPONENT_ID, OUR_COMPONENT_ID
 from companion.mavlink.outputs import PublishSettings
 from companion.mavlink.streams import StreamSettings
@@ -38,16 +40,6 @@ class IdentitySettings(Settings):
     on_conflict: Literal["next", "warn"] = "next"
     """when another program on the link uses our ids: next takes the next free component id of 191 to
     194, warn keeps ours; both say so in one line"""
-
-
-class AirSettings(Settings):
-    """Section ``air``: what is known of the air before the flight."""
-
-    qnh_hpa: float | None = Field(None, ge=850, le=1100)
-    """of the field of the take-off; otherwise what GNSS shows"""
-    temperature_c: float | None = Field(None, ge=-90, le=60)
-    """of the air at the place of the start, in the shade; otherwise a standard day's, give or take
-    15 K"""
 
 
 EstimatorSections: type[Settings] = create_model(
@@ -78,6 +70,7 @@ class CompanionSettings(Settings):
     streams: StreamSettings = StreamSettings()
     feedback: FeedbackSettings = FeedbackSettings()
     record: RecordSettings = RecordSettings()
+    checkpoint: CheckpointSettings = CheckpointSettings()
     estimators: EstimatorSections = EstimatorSections()
 
     def section(self, estimator: str) -> Settings:
@@ -85,12 +78,14 @@ class CompanionSettings(Settings):
         section: Settings = getattr(self.estimators, estimator.replace("-", "_"))
         return section
 
+    def given(self) -> dict[str, Any]:
+        """The keys that were given, as a file would hold them: presets and defaults stay below."""
+        return self.model_dump(by_alias=True, exclude_unset=True)
+
     def with_changes(self, **changes: Any) -> "CompanionSettings":
         """A copy with top-level values replaced, as options of the command line do. Raises
         `ConfigError`."""
-        return validate(
-            self.model_dump(by_alias=True) | changes, CompanionSettings, source="options"
-        )
+        return validate(self.given() | changes, CompanionSettings, source="options")
 
     def with_assignments(self, assignments: Sequence[str]) -> "CompanionSettings":
         """A copy with values replaced by texts such as ``estimators.vertical-bank.offset_sd_m=4``;
@@ -99,13 +94,15 @@ class CompanionSettings(Settings):
         Raises `ConfigError`: one line for a text that is none, a key that is unknown, a value that
         is not allowed.
         """
-        values = self.model_dump(by_alias=True)
+        known, values = self.model_dump(by_alias=True), self.given()
         for text in assignments:
             key, equals, value = text.partition("=")
             *path, last = key.strip().split(".")
+            exists: Any = known
             section: Any = values
             for part in path:
-                section = section.get(part) if isinstance(section, dict) else None
+                exists = exists.get(part) if isinstance(exists, dict) else None
+                section = section.setdefault(part, {}) if isinstance(exists, dict) else None
             if not equals or not isinstance(section, dict):
                 hint = "no such section" if equals else "give SECTION.KEY=VALUE"
                 raise ConfigError(f"--set {text}: {hint}")

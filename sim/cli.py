@@ -109,7 +109,7 @@ _AllStreamsOption = Annotated[
 _FlavourOption = Annotated[
     str,
     typer.Option(
-        help="Simulated autopilot: ardupilot, px4 or generic. Default: the scenario's.",
+        help="Simulated autopilot: ardupilot (Plane), copter, px4 or generic. Default: the scenario's.",
         metavar="AUTOPILOT",
     ),
 ]
@@ -226,7 +226,7 @@ def list_scenarios(
     table.add_column("flight, and what it should show")
     for name in scenario_paths():
         scenario = load_scenario(name)
-        table.add_row(name, scenario.aircraft, f"{scenario.summary} {scenario.expected}".strip())
+        table.add_row(name, scenario.aircraft, f"{scenario.summary} {scenario.about}".strip())
     Console().print(table)
 
 

@@ -32,6 +32,7 @@ from sim.scenario import Scenario
 from sim.sensors.barometer import Barometer
 from sim.sensors.gnss import Fix, GnssReceiver
 from sim.sensors.imu import Imu
+from sim.sensors.thermometer import Thermometer
 from sim.vehicle.flavours import FLAVOURS, FlavourName
 from sim.vehicle.own_estimate import OwnEstimate
 from sim.vehicle.ports import Port
@@ -185,7 +186,7 @@ class Flight:
             None if aloft is None else aloft.altitude_amsl_m,
         )
         self._stall = StallWatch(self.aircraft)
-        self.weather = Weather(scenario.weather, self.aircraft)
+        self.weather = Weather(scenario.weather, self.aircraft, seed)
         if scenario.endless_fuel:
             self.aircraft.freeze_fuel()
         self.aircraft.settle()
@@ -195,6 +196,7 @@ class Flight:
         self.barometer = Barometer(sensors.barometer, seed, baro_hz)
         self.gnss = GnssReceiver(sensors.gnss, seed, self.scenario.runway.elevation_m)
         self.imu = Imu(sensors.imu, seed)
+        self.thermometer = Thermometer(sensors.thermometer, seed)
 
     # The loop
 
@@ -262,9 +264,10 @@ class Flight:
             self._motion()
         if self.time_us % self.barometer.period_us == 0:
             flow = self.aircraft.flow() if self.barometer.feels_flow else None
-            self.vehicle.on_pressure(
-                self.barometer.measure(self.time_us, *self.aircraft.air(), flow)
-            )
+            reading = self.barometer.measure(self.time_us, *self.aircraft.air(), flow)
+            self.vehicle.on_pressure(reading)
+        if self.time_us % self.thermometer.period_us == 0:
+            state.air_temperature_k = self.thermometer.measure(self.aircraft.air()[1])
         fix = self.gnss.deliver(self.time_us)
         if fix is not None:
             self.vehicle.on_fix(fix)
@@ -272,8 +275,7 @@ class Flight:
                 self._on_fix(fix)
         for link, port in self._links:
             for _ in range(_READS_PER_TICK):
-                data = link.receive(0.0)
-                if not data:
+                if not (data := link.receive(0.0)):
                     break
                 self._received_bytes += len(data)
                 self.vehicle.receive(port, data)

@@ -5,7 +5,7 @@ import importlib.resources
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
@@ -18,6 +18,7 @@ from sim.pilot.profile import Airspeed, Altitude, Land, Leg, TakeOff
 from sim.sensors.barometer import BarometerConfig
 from sim.sensors.gnss import GnssConfig
 from sim.sensors.imu import ImuConfig
+from sim.sensors.thermometer import ThermometerConfig
 from sim.vehicle.flavours import FLAVOURS, FlavourName
 from sim.vehicle.own_estimate import EstimateConfig
 from sim.vehicle.ports import check_rates
@@ -30,6 +31,7 @@ class Sensors(Settings):
     """Parameters of the sensors, one group for each."""
 
     barometer: BarometerConfig = BarometerConfig()
+    thermometer: ThermometerConfig = ThermometerConfig()
     gnss: GnssConfig = GnssConfig()
     imu: ImuConfig = ImuConfig()
     estimate: EstimateConfig = EstimateConfig()
@@ -57,6 +59,27 @@ class Aloft(Settings):
     """calibrated airspeed of the start; None is the aircraft's cruise"""
 
 
+Sensor = Literal["barometer", "gnss"]
+HealthName = Literal["OK", "DEGRADED", "LOST"]
+
+
+class Expected(Settings):
+    """What the default estimator, and what the companion publishes, must do on the flight."""
+
+    published_error_m: Annotated[float, Field(gt=0.0, le=1000.0)] = 50.0
+    """largest error of a published ALTITUDE"""
+    published_share: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
+    """least share of the time with an ALTITUDE, after the first minute"""
+    ratio_to_gnss: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
+    """largest RMSE in parts of the raw GNSS height's"""
+    health: HealthName = "DEGRADED"
+    """worst health at the end of the flight"""
+    excluded: tuple[Sensor, ...] = ()
+    """sensors that must be named as faulty during the flight"""
+    not_excluded: tuple[Sensor, ...] = ()
+    """sensors that must never be named as faulty"""
+
+
 class Scenario(Settings):
     """One flight. Everything but its name, summary and profile has a default."""
 
@@ -64,8 +87,9 @@ class Scenario(Settings):
     """name of the scenario, its log and its pictures; lower-case letters, digits and hyphens"""
     summary: Annotated[str, Field(min_length=1, max_length=200)]
     """one sentence that describes the flight"""
-    expected: str = ""
-    """expected result of the flight"""
+    about: str = ""
+    """purpose of the flight: what makes it hard, and for whom"""
+    expected: Expected = Expected()
     aircraft: str = "c172p"
     """aircraft: c172p (trainer), 737 (airliner), f16 (fighter), sgs126 (glider)"""
     flavour: FlavourName = "ardupilot"

@@ -42,6 +42,9 @@ Departures
 - A fix without a barometer height within two seconds of it is taken as it is: GNSS height alone,
   the limit R_B -> infinity. The last correction is kept for a barometer that comes back.
 
+- Without GNSS, or once the held correction is less certain than it, the altitude is the indicated
+  one of `companion.estimators.setting`, if a QNH is known.
+
 Breaks when
 -----------
 The air is not standard: (28) then fires always and the estimate is GNSS height, a little noisier than GNSS itself
@@ -57,6 +60,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from companion.estimators.judging import (
+    AIR,
     GNSS,
     IGNORED,
     PRESSURE,
@@ -72,8 +76,18 @@ from companion.estimators.judging import (
 )
 from companion.estimators.method import Method
 from companion.estimators.params import EstimatorSettings
+from companion.estimators.setting import (
+    SETTING,
+    admit_setting,
+    indicated_m,
+    indicated_sd_m,
+    is_set,
+    note_air,
+    note_level,
+    setting_start,
+)
 from companion.jit import step
-from companion.kernels.atmosphere import baro_altitude_m
+from companion.kernels.atmosphere import baro_altitude_m, pressure_altitude_m
 from companion.kernels.gnss import gnss_sd_m
 from companion.kernels.ring import at, clear, push, ring_fields
 from companion.samples import Kind, Rows, Tables, readable, rows
@@ -84,6 +98,8 @@ CLIMB_TIME_CONSTANT_S = 1.0
 RING_SIZE = 128  # the delay horizon of a second and more, at 100 Hz
 
 STATE = state_dtype(
+    ("setting", SETTING),
+    ("level_m", "f8"),  # newest pressure altitude, geopotential
     *ring_fields("baro", RING_SIZE),  # recent barometer heights
     ("baro_m", "f8"),  # the newest of them
     ("climb_mps", "f8"),
@@ -134,6 +150,8 @@ def start(state: Rows) -> None:
     """Forget everything but the counters."""
     reset(state)
     clear(state[0].baro_us, state[0].baro_values)
+    setting_start(state[0].setting)
+    state[0].level_m = math.nan
     state[0].baro_m = math.nan
     state[0].climb_mps = math.nan
     state[0].corrected_us = -1
@@ -186,7 +204,8 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         s.climb_mps = (
             slope if math.isnan(s.climb_mps) else s.climb_mps + weight * (slope - s.climb_mps)
         )
-    s.baro_m = baro
+    s.baro_m, s.level_m = baro, pressure_altitude_m(sample[0].pressure_pa)
+    note_level(s.setting, s.level_m)
     place(state, PRESSURE, 0, sample[0].time_us)
     push(s.baro_us, s.baro_values, sample[0].time_us, baro)
     write_estimate(state, params, estimate)
@@ -220,17 +239,39 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
 
 
 @step
-def write_estimate(state: Rows, params: Rows, estimate: Rows) -> None:
-    """The newest barometer height with the last correction, its spread grown by the time since."""
+def on_air(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
+    """The setting of the altimeter, for times without GNSS. A temperature alone is IGNORED."""
     s = state[0]
-    if s.corrected_us < 0:
-        return
+    verdict = admit_setting(state, sample)
+    if verdict != USED:
+        return verdict
+    note_air(s.setting, sample, not math.isnan(s.level_m))
+    if not math.isnan(s.level_m):
+        note_level(s.setting, s.level_m)
+        write_estimate(state, params, estimate)
+    return verdict
+
+
+@step
+def write_estimate(state: Rows, params: Rows, estimate: Rows) -> None:
+    """The newest barometer height with the last correction, its spread grown by the time since; or
+    the indicated altitude, where a setting is known and has the smaller spread."""
+    s = state[0]
     drift_m = params[0].pressure_drift_mps * max(0.0, (s.now_us - s.corrected_us) * 1e-6)
+    sd_m = math.inf if s.corrected_us < 0 else math.sqrt(s.sd_m * s.sd_m + drift_m * drift_m)
+    correction_m = s.K * s.delta_m
+    if is_set(s.setting) and not math.isnan(s.level_m):
+        indicated = indicated_m(s.setting, s.level_m)
+        indicated_sd = indicated_sd_m(s.setting, indicated, s.now_us)
+        if indicated_sd < sd_m:
+            correction_m, sd_m = indicated - s.baro_m, indicated_sd
+    if sd_m == math.inf:
+        return
     estimate[0].time_us = s.last_us[PRESSURE, 0]
-    estimate[0].altitude_amsl_m = s.baro_m + s.K * s.delta_m
+    estimate[0].altitude_amsl_m = s.baro_m + correction_m
     estimate[0].climb_mps = s.climb_mps
-    estimate[0].altitude_sd_m = math.sqrt(s.sd_m * s.sd_m + drift_m * drift_m)
-    estimate[0].baro_offset_m = s.K * s.delta_m
+    estimate[0].altitude_sd_m = sd_m
+    estimate[0].baro_offset_m = correction_m
     estimate[0].innovation_m = s.delta_m
 
 
@@ -266,6 +307,8 @@ def run(state: Rows, params: Rows, tables: Tables, estimates: Rows, verdicts: Ro
             verdicts[i] = on_pressure(state, params, tables.pressure[row : row + 1], estimate)
         elif kind == GNSS:
             verdicts[i] = on_gnss(state, params, tables.gnss[row : row + 1], estimate)
+        elif kind == AIR:
+            verdicts[i] = on_air(state, params, tables.air[row : row + 1], estimate)
         elif kind == STATUS:
             verdicts[i] = on_status(state, params, tables.status[row : row + 1], estimate)
 
@@ -277,7 +320,12 @@ METHOD = Method(
     settings=AdaptiveFusionSettings,
     state=STATE,
     init=init,
-    steps={Kind.PRESSURE: on_pressure, Kind.GNSS: on_gnss, Kind.STATUS: on_status},
+    steps={
+        Kind.PRESSURE: on_pressure,
+        Kind.GNSS: on_gnss,
+        Kind.AIR: on_air,
+        Kind.STATUS: on_status,
+    },
     run=run,
     datum_invariant=True,
     follows_baro_step=True,

@@ -71,6 +71,8 @@ def forget(estimate: Rows) -> None:
     estimate[0].protection_level_m = math.nan
     for i in range(estimate[0].drift_probabilities.size):
         estimate[0].drift_probabilities[i] = math.nan
+    for i in range(estimate[0].fault_probabilities.size):
+        estimate[0].fault_probabilities[i] = math.nan
     estimate[0].faulty = 0
     estimate[0].faulty_since_us = 0
 

@@ -7,16 +7,35 @@ paper, a choice as a number) is `derived` from them.
 
 from collections.abc import Mapping
 from types import UnionType
-from typing import Any, Union, get_args, get_origin
+from typing import Any, ClassVar, Self, Union, get_args, get_origin
 
 import numpy as np
+from pydantic import ModelWrapValidatorHandler, model_validator
 
 from companion.config import Settings
 from companion.samples import Rows, rows
 
 
 class EstimatorSettings(Settings):
-    """Settings of an estimator, with their form for compiled steps."""
+    """Settings of an estimator, with their form for compiled steps.
+
+    Three layers: keys that are given count more than those of the ``preset``, and these more than
+    the defaults. ``model_fields_set`` holds the keys that were given, so that ``exclude_unset`` dumps
+    the first layer alone.
+    """
+
+    PRESETS: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    """Keys of each value of ``preset`` that differ from the defaults."""
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _layers(cls, values: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        if not isinstance(values, dict):
+            return handler(values)
+        preset = cls.PRESETS.get(str(values.get("preset")), {})
+        model = handler({**preset, **values})
+        model.__pydantic_fields_set__.difference_update(preset.keys() - values.keys())
+        return model
 
     def derived(self) -> Mapping[str, Any]:
         """Parameters beyond the fields, or in another form: name -> number or nested tuple of

@@ -3,30 +3,37 @@
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.errors import ConfigError
 from companion.estimators import ESTIMATORS, run_log
 from companion.evaluation.detection import Attribution
-from companion.evaluation.integrity import coverage, plot_stanford, protection
+from companion.evaluation.integrity import coverage, protection
 from companion.evaluation.metrics import Array, errors, truth_at
-from companion.evaluation.samples import BOOT_US, samples_of
+from companion.evaluation.samples import BOOT_US, Sampler, Tap, samples_of
+from companion.evaluation.smoother import measured_of, smooth
 from companion.kernels.atmosphere import baro_altitude_array
+from companion.logs import open_log
+from companion.replay.sessions import Session, sessions_of
 from companion.samples import Kind, Rows, SampleLog
 from companion.settings import CompanionSettings
 
 SETTLE_S = 60.0
+OF_TRUTH = (
+    "nees", "coverage_1", "coverage_2", "coverage_3", "exceedances", "exceeded_share",
+    "takeoff_rmse_m",
+)  # fmt: skip
+"""of a `Result`: what only truth can tell"""
 
 
 @dataclass(frozen=True)
 class Result:
-    """One line of the table; unknown is NaN. Errors are against truth, or against GNSS where there
-    is no truth."""
+    """One line of the table; unknown is NaN. Errors are against truth; where there is none they are
+    differences to the smoother of barometer and GNSS."""
 
     label: str
     rmse_m: float = math.nan
@@ -79,7 +86,7 @@ class Comparison:
     """The series of one log, their reference, and the table of results."""
 
     reference: str
-    """"truth", or "GNSS" where the log has no truth"""
+    """"truth"; "smoother" where the log has no truth, "nothing" where it has no GNSS either"""
     series: list[Series]
     results: list[Result]
     truth_us: Array
@@ -145,16 +152,49 @@ def compare_log(
         )
         reference = "truth"
     else:
-        fixes = next((each for each in series if each.label == "raw GNSS"), None)
-        truth_us = fixes.times_us if fixes is not None else np.zeros(0)
-        truth_m = fixes.altitude_m if fixes is not None else np.zeros(0)
-        truth_climb, reference = np.full(truth_us.shape, np.nan), "GNSS"
+        truth_us, truth_m, truth_climb = _smoothed(log)
+        reference = "smoother" if truth_us.size else "nothing"
     baro = next((each for each in series if each.label == "raw barometer"), None)
     takeoff = takeoff_of(log, truth_us, truth_m)
     results = [
         _judge(each, (truth_us, truth_m, truth_climb), baro, start_us, takeoff) for each in series
     ]
+    if reference != "truth":  # what differs from a reference of less than perfect is no error
+        unknown: dict[str, Any] = dict.fromkeys(OF_TRUTH, math.nan)
+        results = [replace(each, **unknown) for each in results]
     return Comparison(reference, series, results, truth_us, truth_m, start_us)
+
+
+def compare_sessions(
+    path: Path,
+    settings: CompanionSettings | None = None,
+    settle_s: float = SETTLE_S,
+    on_progress: Callable[[float], None] | None = None,
+    estimators: Sequence[str] = tuple(ESTIMATORS),
+) -> list[tuple[Session[Tap], Comparison]]:
+    """Run estimators over every session of the log at `path`. Raises `LogFormatError`."""
+    settings = settings or CompanionSettings()
+    sessions = sessions_of(
+        open_log(path),
+        settings,
+        lambda _: Tap(),
+        Sampler,
+        on_progress=lambda share: on_progress(0.6 * share) if on_progress else None,
+    )
+    return [
+        (each, compare_log(each.seen.log, settings, settle_s, on_progress, estimators))
+        for each in sessions
+    ]
+
+
+def _smoothed(log: SampleLog) -> tuple[Array, Array, Array]:
+    """Times, altitude and climb of the smoother, on the clock of the series; empty without one."""
+    reboots = int(np.sum(np.asarray(log[Kind.STATUS]["reboot"]) == 1))
+    smoothed = smooth(measured_of(log)) if reboots <= 1 else None
+    if smoothed is None:
+        return np.zeros(0), np.zeros(0), np.zeros(0)
+    times_us = smoothed.time_us + reboots * float(BOOT_US)
+    return times_us, smoothed.altitude_m, smoothed.climb_mps
 
 
 def estimate_series(name: str, log: SampleLog, settings: CompanionSettings) -> Series:
@@ -240,58 +280,6 @@ def raw_series(log: SampleLog) -> list[Series]:
             unknown = np.full(times_us.size, np.nan)
             found.append(Series(label, times_us, altitude_m, unknown, unknown))
     return found
-
-
-def plot(comparison: Comparison, path: Path, title: str) -> None:
-    """Errors over time of every series, against what the comparison used."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(figsize=(10, 5), layout="constrained")
-    for each in comparison.series:
-        error = each.altitude_m - truth_at(each.times_us, comparison.truth_us, comparison.truth_m)
-        raw = math.isnan(each.cost_us)
-        axes.plot(
-            each.times_us % BOOT_US / 60e6,
-            error,
-            linewidth=0.7 if raw else 1.0,
-            alpha=0.6 if raw else 1.0,
-            label=each.label,
-        )
-    axes.axhline(0, color="black", linewidth=0.8)
-    axes.set(
-        xlabel="time since boot (min)", ylabel=f"altitude - {comparison.reference} (m)", title=title
-    )
-    limit = np.nanmax(
-        [
-            5.0,
-            *(
-                2.0 * result.p95_m
-                for result in comparison.results
-                if not result.label.startswith("raw b")
-            ),
-        ]
-    )
-    axes.set_ylim(-min(limit, 60.0), min(limit, 60.0))
-    axes.grid(alpha=0.3)
-    axes.legend(fontsize=8, ncols=2)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
-
-
-def plot_protection(comparison: Comparison, path: Path, title: str, alert_limit_m: float) -> None:
-    """Stanford diagram of the first series with a protection level. Raises `ConfigError` when there
-    is none."""
-    for each in comparison.series:
-        if each.level_m is not None:
-            late, error_m = comparison.errors_of(each)
-            plot_stanford(
-                path, f"{title}, {each.label}", error_m, each.level_m[late], alert_limit_m
-            )
-            return
-    raise ConfigError("--stanford: no estimator of this comparison has a protection level")
 
 
 def _judge(

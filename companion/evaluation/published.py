@@ -18,6 +18,7 @@ from companion.checker import Checker
 from companion.config import Settings
 from companion.estimators import ESTIMATORS, Filter, Method, run_log
 from companion.evaluation.metrics import Array
+from companion.evaluation.samples import BOOT_US
 from companion.health import HealthMonitor
 from companion.intake import restart_row
 from companion.mavlink.outputs import Outputs
@@ -31,6 +32,8 @@ class Published:
 
     estimates: Rows
     """ESTIMATE rows"""
+    times_us: Array
+    """time of the estimate, with `BOOT_US` added for each reboot, as the truth of a log has it"""
     now_us: NDArray[np.int64]
     """the vehicle's clock"""
     kind: NDArray[np.int64]
@@ -71,7 +74,8 @@ def published(log: SampleLog, estimator: str, settings: CompanionSettings) -> Pu
         is_sent[k] = follower.sends(_VERDICTS[verdicts[i]], now_us, estimate)
         health[k] = follower.monitor.health
     kept = np.asarray(estimates[followed])
-    return Published(kept, clock_us[followed], kinds[followed], health, is_sent, cost_us)
+    times_us = kept["time_us"] + np.cumsum(reboots)[followed] * float(BOOT_US)
+    return Published(kept, times_us, clock_us[followed], kinds[followed], health, is_sent, cost_us)
 
 
 _KINDS, _VERDICTS = tuple(Kind), tuple(Verdict)

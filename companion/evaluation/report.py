@@ -1,8 +1,4 @@
-"""The report of a replay: counts by verdict, a summary of the altitude, and errors of each source
-against truth."""
-
-import math
-from typing import Any
+"""An observer that keeps the tracks of a pipeline, and their errors against truth."""
 
 import numpy as np
 
@@ -10,7 +6,6 @@ from companion.evaluation.metrics import Array, Errors, errors, truth_at
 from companion.evaluation.samples import BOOT_US
 from companion.kernels.atmosphere import baro_altitude_array
 from companion.mavlink.codec import Message
-from companion.pipeline import Pipeline
 from companion.samples import Kind, Rows, Verdict
 
 SETTLE_S = 60.0
@@ -107,88 +102,3 @@ class Collector:
         if self._first_us is None:
             return 0.0
         return (self._last_us % BOOT_US - (self._first_us if self._boot_us == 0 else 0)) * 1e-6
-
-
-SOURCES = {
-    "estimate": "Kollsman",
-    "autopilot": "autopilot's own",
-    "gnss": "raw GNSS",
-    "baro": "raw barometer",
-}
-
-
-def build(
-    pipeline: Pipeline, collector: Collector, damage: dict[str, int], settle_s: float = SETTLE_S
-) -> dict[str, Any]:
-    """The report as plain data: JSON-ready, unknown is None."""
-    identity = pipeline.identity
-    samples = {
-        kind.name.lower(): {
-            v.name.lower(): n for v, n in zip(Verdict, pipeline.verdicts[kind], strict=True) if n
-        }
-        for kind in Kind
-        if any(pipeline.verdicts[kind])
-    }
-    return _plain(
-        {
-            "estimator": pipeline.filter.method.name,
-            "vehicle": f"{identity.vehicle[0]}/{identity.vehicle[1]}" if identity.vehicle else None,
-            "duration_s": collector.duration_s,
-            "reboots": pipeline.intake.clock.reboots,
-            "health": pipeline.health.health.name,
-            "samples": samples,
-            "set_aside": {
-                str(cause): count for cause, count in pipeline.intake.counters.items() if count
-            },
-            "frames": {str(origin): count for origin, count in identity.counters.items() if count},
-            "damage": damage | {str(c): n for c, n in pipeline.decoder.counters.items() if n},
-            "altitude": _altitude(collector),
-            "settle_s": settle_s,
-            "errors": _errors(collector, settle_s),
-        }
-    )
-
-
-def _altitude(collector: Collector) -> dict[str, Any]:
-    """Counts and extremes of the estimated altitude, in m and m/s."""
-    altitudes_m = collector.track("estimate")[1]
-    known = np.isfinite(altitudes_m)
-    spread_m, climb_mps = collector.spread()[known], collector.climb()[known]
-    altitude: dict[str, Any] = {
-        "estimates": int(known.sum()),
-        "published": int(collector.track("published").shape[1]),
-    }
-    if known.any():
-        altitude |= {
-            "first_m": altitudes_m[known][0],
-            "last_m": altitudes_m[known][-1],
-            "min_m": altitudes_m[known].min(),
-            "max_m": altitudes_m[known].max(),
-            "median_sd_m": np.median(spread_m),
-            "max_climb_mps": _extreme(climb_mps, np.nanmax),
-            "max_sink_mps": _extreme(climb_mps, np.nanmin),
-        }
-    return altitude
-
-
-def _errors(collector: Collector, settle_s: float) -> dict[str, Any]:
-    """Errors against truth of each source that has any, by name."""
-    against_truth = {}
-    for name, label in SOURCES.items():
-        found = collector.errors(name, settle_s)
-        if found is not None:
-            against_truth[name] = {"label": label, **found.as_dict()}
-    return against_truth
-
-
-def _extreme(values: Array, choose: Any) -> float:
-    return float(choose(values)) if np.isfinite(values).any() else math.nan
-
-
-def _plain(value: Any) -> Any:
-    """Python numbers, and None for what is not finite, so that the result is JSON."""
-    if isinstance(value, dict):
-        return {key: _plain(each) for key, each in value.items()}
-    if isinstance(value, (float, np.floating)):
-        return float(value) if math.isfinite(value) else None
-    return value

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from companion.logs import open_log
 from companion.mavlink.codec import Message
-from companion.pipeline import Pipeline
+from companion.pipeline import Observer, Pipeline
 from companion.samples import Kind, Rows, SampleLog, Verdict
 from companion.settings import CompanionSettings
 
@@ -13,7 +13,7 @@ BOOT_US = 1 << 50
 """offset added for each boot to the times of truth, so that times of several boots differ"""
 
 
-class _Tap:
+class Tap:
     """An observer that keeps every sample as the estimator gets it, with truth and the autopilot's
     own beside."""
 
@@ -36,15 +36,16 @@ class _Tap:
         """Not a sample."""
 
 
-class _Sampler(Pipeline):
+class Sampler(Pipeline):
     """A pipeline without an estimator: it ends with the sample rows."""
 
-    def __init__(self, settings: CompanionSettings, tap: _Tap) -> None:
-        super().__init__(settings, datagrams=True, observer=tap, sends=False)
-        self._tap = tap
+    def __init__(self, settings: CompanionSettings, observer: Observer) -> None:
+        super().__init__(settings, datagrams=True, observer=observer, sends=False)
 
     def _step(self, kind: Kind, instance: int, row: Rows) -> list[bytes]:
-        self._tap.sample(kind, row, Verdict.IGNORED, self.estimate)
+        self.verdicts[kind][Verdict.IGNORED] += 1
+        if self._observer is not None:
+            self._observer.sample(kind, row, Verdict.IGNORED, self.estimate)
         return []
 
     def _react(self, *, used: bool) -> list[bytes]:
@@ -61,8 +62,8 @@ def samples_of(
 
     `on_progress` is called with the fraction read.
     """
-    tap = _Tap()
-    pipeline = _Sampler(settings or CompanionSettings(), tap)
+    tap = Tap()
+    pipeline = Sampler(settings or CompanionSettings(), tap)
     reader = open_log(path)
     for count, (time_us, frame) in enumerate(reader.items(pipeline.wanted)):
         pipeline.feed_item(frame, time_us)

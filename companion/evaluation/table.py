@@ -28,7 +28,8 @@ COLUMNS = {
 
 def show(found: Comparison) -> None:
     """Print the table."""
-    table = Table(f"against {found.reference} (m, m/s)", box=None, pad_edge=False)
+    what = "error" if found.reference == "truth" else "difference"
+    table = Table(f"{what} to {found.reference} (m, m/s)", box=None, pad_edge=False)
     for column in COLUMNS:
         table.add_column(column, justify="right")
     for result in found.results:

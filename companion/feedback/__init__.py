@@ -5,6 +5,8 @@ so that the vehicle holds its true altitude.
 none and the reason. `companion.feedback.mark` keeps on disk what must survive a crash.
 """
 
+import logging
+
 from companion.feedback.conditions import Hold, Situation
 from companion.feedback.machine import Feedback, Phase
 from companion.feedback.mark import Mark, MarkFile
@@ -21,10 +23,18 @@ __all__ = [
     "Situation",
 ]
 
+logger = logging.getLogger("kollsman.feedback")
+
 
 def start_feedback(settings: FeedbackSettings, link: str) -> Feedback:
-    """The feedback of a service on one link, with its mark on disk; no file where it is off."""
-    if settings.mode == "none":
-        return Feedback(settings)
+    """The feedback of a service on one link, with its mark on disk."""
     file = MarkFile([link])
+    if settings.mode == "none":
+        mark = file.load()
+        if mark is not None:
+            logger.warning(
+                "an earlier run left %s at %g instead of %g: set feedback.mode to restore it",
+                *(mark.parameter, mark.written, mark.original),
+            )
+        return Feedback(settings)
     return Feedback(settings, keep=file.save, mark=file.load())

@@ -120,8 +120,9 @@ class Feedback:
         if armed and before is False:
             # The next step sets them: the change counts from here.
             self._reference_m = self._reference_beside_m = math.nan
-        elif before and not armed:
-            self._has_flown, self._restores, self._failures = True, self.offset_m != 0.0, 0
+        elif not armed and before is not False:
+            self._has_flown = self._has_flown or bool(before)
+            self._restores, self._failures = self.offset_m != 0.0, 0
 
     def height(self, time_us: int, altitude_amsl_m: float, relative_m: float) -> None:
         """The vehicle's own altitude (GLOBAL_POSITION_INT), and its height above home."""

@@ -10,13 +10,20 @@ import math
 from collections import Counter
 from enum import StrEnum
 
+from companion.intake.primary import Primary
+from companion.intake.receivers import Receiver
 from companion.intake.screening import DatumScreen
 from companion.intake.settings import IntakeSettings
 from companion.intake.vehicle_clock import Clockwork, VehicleClock
+from companion.known_air import KnownAir
 from companion.mavlink.convert import ZERO_CELSIUS_K, Reading
 from companion.samples import DTYPES, MAX_INSTANCES, Kind, Rows, rows
 
 logger = logging.getLogger("kollsman.intake")
+
+
+LARGEST_DOUBT_M = 30.0
+"""A larger common error of the fixes would not shrink with their number, as an estimator takes it."""
 
 
 class SampleReject(StrEnum):
@@ -33,9 +40,24 @@ class Intake:
     def __init__(self, settings: IntakeSettings) -> None:
         self.clock = VehicleClock(settings)
         self.datum = DatumScreen(settings)
+        self._settings = settings
+        self._begin()
         self.counters: Counter[SampleReject] = Counter()
         self._latency_us = round(settings.gnss_latency_s * 1e6)
+        self._air_us = -1
+        self._air_excess_k = settings.air_temperature_excess_k
         self._rows = {kind: rows(dtype) for kind, dtype in DTYPES.items()}
+
+    @property
+    def objection(self) -> str:
+        """Why no altitude of this receiver may be published; empty when there is no reason."""
+        doubt_m = self._receivers[0].doubt_m
+        return f"GNSS of the ellipsoid? {doubt_m:.0f} m" if doubt_m > LARGEST_DOUBT_M else ""
+
+    def _begin(self) -> None:
+        """What is known of the sensors when the vehicle starts: nothing."""
+        self._primaries = {kind: Primary(kind) for kind in (Kind.PRESSURE, Kind.GNSS)}
+        self._receivers = [Receiver(k, self._settings) for k in range(MAX_INSTANCES)]
 
     def place(
         self, reading: Reading, source: int, arrival_us: int
@@ -61,30 +83,43 @@ class Intake:
         row = self._rows[reading.kind]
         if reading.kind is Kind.GNSS:
             time_us -= self._latency_us
+        elif reading.kind is Kind.AIR:
+            time_us = self._air_time(time_us)
         row[0] = (time_us, arrival_us, reading.instance, *reading.values)
+        if reading.kind is Kind.GNSS:
+            self._receivers[reading.instance].check(row, self.datum.baro_m(time_us))
+        if reading.kind in self._primaries:
+            self._primaries[reading.kind].number(row)
+        if reading.kind is Kind.AIR:
+            row["air_temperature_k"] -= self._air_excess_k
         if reading.kind is Kind.PRESSURE:
             self.datum.pressure(row)
         elif reading.kind is Kind.GNSS:
             self.datum.gnss(row)
         return row
 
-    def air(self, qnh_hpa: float | None, temperature_c: float | None, at: Rows) -> Rows:
+    def air(self, known: KnownAir, at: Rows) -> Rows:
         """The sample row, shape (1,), of what is known of the air, at the time of another row."""
         row = self._rows[Kind.AIR]
-        air_k = math.nan if temperature_c is None else temperature_c + ZERO_CELSIUS_K
         row[0] = (
-            at[0]["time_us"],
+            self._air_time(at[0]["time_us"]),
             at[0]["arrival_us"],
             0,
-            air_k,
-            math.nan if qnh_hpa is None else qnh_hpa * 100.0,
-            math.nan,
+            _or_nan(known.temperature_c) + ZERO_CELSIUS_K,
+            _or_nan(known.qnh_hpa) * 100.0,
+            _or_nan(known.field_elevation_m),
         )
         return row
+
+    def _air_time(self, time_us: int) -> int:
+        """Samples of the air come from several sources: each is newer than the one before."""
+        self._air_us = time_us if time_us > self._air_us else self._air_us + 1
+        return self._air_us
 
     def _reboot(self, time_us: int, arrival_us: int) -> Rows:
         logger.warning("the vehicle's clock restarted at %.1f s: starting anew", time_us * 1e-6)
         self.datum.restart()
+        self._begin()
         return restart_row(time_us, arrival_us)
 
 
@@ -93,3 +128,7 @@ def restart_row(time_us: int, arrival_us: int) -> Rows:
     row = rows(DTYPES[Kind.STATUS])
     row[0] = (time_us, arrival_us, 0, -1, -1, 1)
     return row
+
+
+def _or_nan(value: float | None) -> float:
+    return math.nan if value is None else value

@@ -75,6 +75,12 @@ class DatumScreen:
         self._gnss: _Gnss | None = None
         self._baros: dict[int, _Baro] = {}
 
+    def baro_m(self, time_us: int) -> float:
+        """The height of the first barometer; NaN when it is older than 5 s."""
+        baro = self._baros.get(0)
+        fresh = baro is not None and abs(time_us - baro.time_us) < PAIR_US
+        return baro.height_m if fresh and baro is not None else math.nan
+
     def gnss(self, row: Rows) -> None:
         """Note a credible GNSS height, and mark it when it is the suspect."""
         value = row[0]

@@ -1,5 +1,7 @@
 """Section ``intake`` of the configuration."""
 
+from typing import Literal
+
 from pydantic import Field
 
 from companion.config import Settings
@@ -30,3 +32,13 @@ class IntakeSettings(Settings):
     """a fix that admits more than this accuses nobody"""
     step_limit_m: float = Field(60.0, gt=0, le=10_000)
     """barometer and GNSS may move apart by this at once, beyond what speed and accuracy explain"""
+    equal_heights: Literal["doubt", "ellipsoid", "sea_level"] = "doubt"
+    """what a GNSS height is that equals the height above the ellipsoid to the millimetre: in doubt
+    (the geoid's undulation is added to the reported accuracy), one above the ellipsoid (the
+    undulation is subtracted), or one above sea level (as simulators without a geoid send)"""
+    air_temperature: Literal["hygrometer", "airspeed", "imu", "none"] = "hygrometer"
+    """Source of the air temperature: HYGROMETER_SENSOR, a probe in the air; airspeed is
+    SCALED_PRESSURE.temperature_press_diff, the sensor behind a pitot tube; imu is
+    HIGHRES_IMU.temperature, a die 10-30 K above the air (give air_temperature_excess_k)."""
+    air_temperature_excess_k: float = Field(0.0, ge=-20, le=60)
+    """Excess of that temperature over the air's, K: it is subtracted."""

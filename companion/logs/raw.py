@@ -10,9 +10,8 @@ from pathlib import Path
 
 from companion.errors import LogFormatError
 from companion.logs.files import opened, read
-from companion.mavlink.codec import Decoder, Frame, FrameReject, mavlink
-from companion.mavlink.columns import layout
-from companion.mavlink.framing import V1_HEADER, V2_HEADER
+from companion.mavlink.codec import Decoder, Frame, FrameReject
+from companion.mavlink.columns import boot_stamp_us
 from companion.samples import Packet
 
 CHUNK = 1 << 18
@@ -20,7 +19,6 @@ PROBE_BYTES = 1 << 18
 FEWEST_FRAMES = 3
 LOWEST_SHARE = 0.5
 STAMP_BYTES = 8
-STAMP = "time_boot_ms"
 
 
 def is_raw(head: bytes) -> bool:
@@ -78,24 +76,9 @@ class RawReader:
             while True:
                 chunk = read(file, self.path, CHUNK)
                 for frame in decoder.feed(chunk) if chunk else decoder.flush():
-                    now_us = _boot_us(frame, now_us)
+                    now_us = boot_stamp_us(frame, now_us)
                     self.frames += 1
                     yield now_us, frame
                 self.position_bytes += len(chunk)
                 if not chunk:
                     return
-
-
-def _boot_us(frame: Frame, now_us: int) -> int:
-    """The boot stamp of an autopilot's frame, else the time so far."""
-    found = layout(frame.message_id)
-    if (
-        found is None
-        or STAMP not in (found.dtype.names or ())
-        or frame.component_id != mavlink.MAV_COMP_ID_AUTOPILOT1
-    ):
-        return now_us
-    header = V2_HEADER if frame.version == 2 else V1_HEADER
-    payload = frame.data[header : header + frame.data[1]].ljust(found.dtype.itemsize, b"\0")
-    stamp, at = found.dtype.fields[STAMP][:2]  # type: ignore[index]
-    return int.from_bytes(payload[at : at + stamp.itemsize], "little") * 1000

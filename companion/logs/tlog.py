@@ -14,6 +14,7 @@ that was never set. So `TlogReader` trusts as little as it needs to:
   within a day of its neighbours': the last good record and the one behind it. That keeps it from
   inventing frames out of junk, and from making a time out of junk for a real one.
 
+Times that are little-endian or in milliseconds are recognised in the first records (`stamps_of`).
 Ground stations built on pymavlink keep a link number in the lowest two bits of the time; it is left
 there.
 """
@@ -25,15 +26,15 @@ from collections import Counter
 from collections.abc import Collection, Generator, Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from companion.errors import LogFormatError
 from companion.logs.files import opened, read
-from companion.mavlink.codec import MAX_FRAME_SIZE, Frame, FrameReject, scan
-from companion.mavlink.columns import messages, tables
+from companion.mavlink.codec import MAX_FRAME_SIZE, Decoder, Frame, FrameReject, scan
+from companion.mavlink.columns import boot_stamp_us, messages, tables
 from companion.mavlink.framing import FOREIGN, extent, next_start
 from companion.mavlink.record_scan import INDEX, scan_records
 from companion.samples import Packet, Rows, rows
@@ -45,6 +46,9 @@ _CHUNK = 1 << 20
 _SMALLEST_RECORD = 8 + 8  # a time and a frame without payload
 _LOOKAHEAD = 4 * (_STAMP.size + MAX_FRAME_SIZE)  # a record, the one behind it, and some
 _PROBE_BYTES = 1 << 24
+_HEAD = 1 << 14
+_MILLISECONDS = (946_684_800_000, 4_102_444_800_000)
+"""of the years 2000 and 2100"""
 FRAME_FIELDS = ("message_id", "system_id", "component_id", "sequence", "version", "signed")
 """of `Frame`, behind its bytes, as `INDEX` names them"""
 _FLUSH_US = 1_000_000
@@ -74,6 +78,8 @@ class TlogReader:
         self.path = Path(path)
         self.counters: Counter[FrameReject] = Counter()
         self.size_bytes = 0
+        with opened(self.path) as file:
+            self._order, self._unit_us = stamps_of(read(file, self.path, _HEAD))
         self._restart()
         self._probe()
         self._restart()
@@ -138,6 +144,7 @@ class TlogReader:
                 data = np.frombuffer(buffer, np.uint8)
                 index = rows(INDEX, len(buffer) // _SMALLEST_RECORD + 1)
                 count, offset = self._index(buffer, data, limit, index)
+                index["time_us"][:count] *= self._unit_us
                 start, self._read_bytes = self._read_bytes, self._read_bytes + offset
                 yield _Batch(buffer, data, index[:count], start)
                 buffer = buffer[offset:]
@@ -150,7 +157,14 @@ class TlogReader:
         while offset < limit:
             if not self._lost:
                 count, offset = scan_records(
-                    data, offset, limit, _LAST_TIME_US, *tables(), index, count
+                    data,
+                    offset,
+                    limit,
+                    _LAST_TIME_US,
+                    self._order == "little",
+                    *tables(),
+                    index,
+                    count,
                 )
                 if offset >= limit:
                     break
@@ -170,12 +184,14 @@ class TlogReader:
         """Where to go on when no good frame is where one was due; with `cause` None the file ends
         inside it."""
         end = offset + _STAMP.size + extent(buffer, offset + _STAMP.size)
-        certain = cause in FOREIGN or end == len(buffer) or _record_time_us(buffer, end) is not None
+        certain = (
+            cause in FOREIGN or end == len(buffer) or self._record_stamp(buffer, end) is not None
+        )
         if (
             cause is not None
             and cause is not FrameReject.JUNK
             and certain
-            and _time_us(buffer, offset) is not None
+            and self._stamp(buffer, offset) is not None
         ):
             self.counters[cause] += 1
             return end
@@ -206,15 +222,27 @@ class TlogReader:
     def _is_believable(self, buffer: bytes, offset: int, end: int) -> bool:
         """Whether the time at `offset` is near that of the last good record, or of the record that
         follows at `end`."""
-        time_us = _time_us(buffer, offset)
+        time_us = self._stamp(buffer, offset)
         if time_us is None:
             return False
         neighbours = [
-            time for time in (self._time_us, _record_time_us(buffer, end)) if time is not None
+            time for time in (self._time_us, self._record_stamp(buffer, end)) if time is not None
         ]
         if not neighbours:
             return end == len(buffer)
         return any(abs(time_us - neighbour) <= _NEIGHBOUR_US for neighbour in neighbours)
+
+    def _stamp(self, buffer: bytes, offset: int) -> int | None:
+        """The time at `offset` in the file's own unit, if it is one."""
+        stamp = int.from_bytes(buffer[offset : offset + _STAMP.size], self._order)
+        return stamp if stamp <= _LAST_TIME_US else None
+
+    def _record_stamp(self, buffer: bytes, offset: int) -> int | None:
+        """The time of the record that seems to begin at `offset`, judged by its time and start byte
+        alone."""
+        at = offset + _STAMP.size
+        is_record = at < len(buffer) and next_start(buffer, at) == at
+        return self._stamp(buffer, offset) if is_record else None
 
     def _probe(self) -> None:
         """Raise `LogFormatError` unless there is something to read."""
@@ -224,6 +252,39 @@ class TlogReader:
         with opened(self.path) as file:
             found = _describe(read(file, self.path, _CHUNK), self.counters)
         raise LogFormatError(f"{self.path}: not a telemetry log (.tlog): {found}")
+
+
+def stamps_of(head: bytes) -> tuple[Literal["big", "little"], int]:
+    """Byte order and unit (in microseconds) of the times in the first bytes of a file.
+
+    Some programs write little-endian times, some milliseconds. Big-endian microseconds are the rule:
+    another order is taken when its times are of this century and those of the rule are not, and
+    milliseconds when the vehicle's own clock runs a thousand times as fast as the stamps.
+    """
+    decoder, at, boot_us = Decoder(), 0, 0
+    big, little, boots = [], [], []
+    for frame in decoder.feed(head):
+        at = head.find(frame.data, at)
+        boot_us = boot_stamp_us(frame, boot_us)
+        if at >= _STAMP.size:
+            big.append(int.from_bytes(head[at - _STAMP.size : at], "big"))
+            little.append(int.from_bytes(head[at - _STAMP.size : at], "little"))
+            boots.append(boot_us)
+        at += len(frame.data)
+    is_little = sum(map(_this_century, little)) > sum(stamp <= _LAST_TIME_US for stamp in big)
+    stamps = little if is_little else big
+    order: Literal["big", "little"] = "little" if is_little else "big"
+    timed = [i for i, (stamp, boot) in enumerate(zip(stamps, boots, strict=True)) if boot and stamp]
+    if len(timed) < 2 or not all(_MILLISECONDS[0] < stamps[i] < _MILLISECONDS[1] for i in timed):
+        return order, 1
+    passed_us = boots[timed[-1]] - boots[timed[0]]
+    counted = stamps[timed[-1]] - stamps[timed[0]]
+    return order, 1000 if passed_us > 0 and 0 <= counted < 0.02 * passed_us else 1
+
+
+def _this_century(stamp: int) -> bool:
+    """Of the years 2000 to 2100, in microseconds or milliseconds."""
+    return any(_MILLISECONDS[0] * scale < stamp < _MILLISECONDS[1] * scale for scale in (1, 1000))
 
 
 class _Batch(NamedTuple):
@@ -281,19 +342,6 @@ class TlogWriter:
 
     def _failure(self, error: OSError) -> LogFormatError:
         return LogFormatError(f"{self.path}: cannot be written: {error.strerror or error}")
-
-
-def _time_us(buffer: bytes, offset: int) -> int | None:
-    """The time at `offset`, if it is one."""
-    time_us = int.from_bytes(buffer[offset : offset + _STAMP.size])
-    return time_us if time_us <= _LAST_TIME_US else None
-
-
-def _record_time_us(buffer: bytes, offset: int) -> int | None:
-    """The time of the record that seems to begin at `offset`, judged by its time and start byte
-    alone."""
-    at = offset + _STAMP.size
-    return _time_us(buffer, offset) if at < len(buffer) and next_start(buffer, at) == at else None
 
 
 def _describe(head: bytes, counters: Counter[FrameReject]) -> str:

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.mavlink.codec import Message, mavlink
-from companion.mavlink.framing import CRC_EXTRA, CRC_TABLE, V1_LENGTHS
+from companion.mavlink.codec import Frame, Message, mavlink
+from companion.mavlink.framing import CRC_EXTRA, CRC_TABLE, V1_HEADER, V1_LENGTHS, V2_HEADER
 from companion.mavlink.record_scan import gather
 from companion.samples import Rows
 
@@ -24,6 +24,9 @@ CODES = {
     "f": "<f4", "d": "<f8",
 }  # fmt: skip
 """code of the struct module -> dtype"""
+
+
+BOOT_STAMP = "time_boot_ms"
 
 
 class Layout(NamedTuple):
@@ -77,3 +80,18 @@ def tables() -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
         extras[message_id] = extra
         lengths[message_id] = V1_LENGTHS[message_id].start, V1_LENGTHS[message_id].stop - 1
     return np.array(CRC_TABLE, np.int64), extras, lengths
+
+
+def boot_stamp_us(frame: Frame, now_us: int) -> int:
+    """The boot stamp of an autopilot's frame, else the time so far."""
+    found = layout(frame.message_id)
+    if (
+        found is None
+        or BOOT_STAMP not in (found.dtype.names or ())
+        or frame.component_id != mavlink.MAV_COMP_ID_AUTOPILOT1
+    ):
+        return now_us
+    header = V2_HEADER if frame.version == 2 else V1_HEADER
+    payload = frame.data[header : header + frame.data[1]].ljust(found.dtype.itemsize, b"\0")
+    stamp, at = found.dtype.fields[BOOT_STAMP][:2]  # type: ignore[index]
+    return int.from_bytes(payload[at : at + stamp.itemsize], "little") * 1000

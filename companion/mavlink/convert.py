@@ -17,6 +17,8 @@ G0_MPS2 = 9.80665
 ZERO_CELSIUS_K = 273.15
 UNKNOWN_U16 = 65535
 UNKNOWN_U8 = 255
+NO_DOP = 9999
+FIX_3D = 3
 NAN3 = (math.nan, math.nan, math.nan)
 
 
@@ -43,9 +45,31 @@ Readings = tuple[Reading, ...]
 
 
 def scaled_pressure(message: Message, instance: int) -> Readings:
-    """SCALED_PRESSURE/2/3: hPa; the temperature is the sensor die's, in centidegrees."""
+    """SCALED_PRESSURE/2/3: hPa; the temperature is the sensor die's, in centidegrees. The first
+    one's differential pressure is an airspeed; 0 where there is no such sensor."""
     values = (_finite(message.press_abs * 100.0), message.temperature * 0.01 + ZERO_CELSIUS_K, 0)
-    return (Reading(Kind.PRESSURE, TimeBase.BOOT, message.time_boot_ms * 1000, instance, values),)
+    stamp_us = message.time_boot_ms * 1000
+    pressure = Reading(Kind.PRESSURE, TimeBase.BOOT, stamp_us, instance, values)
+    if instance or message.press_diff == 0.0 or not math.isfinite(message.press_diff):
+        return (pressure,)
+    speed = (airspeed_mps(message.press_diff * 100.0),)
+    return pressure, Reading(Kind.AIRSPEED, TimeBase.BOOT, stamp_us, 1, speed)
+
+
+def airspeed_mps(dynamic_pa: float) -> float:
+    """Calibrated airspeed of a dynamic pressure (impact pressure of compressible flow at sea level);
+    0 below 0, NaN beyond the speed of sound, where there is a shock."""
+    ratio = max(0.0, dynamic_pa) / 101_325.0
+    return (
+        340.294 * math.sqrt(5.0 * ((ratio + 1.0) ** (2.0 / 7.0) - 1.0))
+        if ratio < 0.89
+        else math.nan
+    )
+
+
+def vfr_hud(message: Message) -> Readings:
+    """VFR_HUD: the airspeed that the autopilot shows, measured or estimated. It has no stamp."""
+    return (Reading(Kind.AIRSPEED, TimeBase.NONE, 0, 0, (_finite(message.airspeed),)),)
 
 
 def gps_raw(message: Message, instance: int) -> Readings:
@@ -66,8 +90,8 @@ def gps_raw(message: Message, instance: int) -> Readings:
         math.nan,
         _present(message.h_acc, 1e-3),
         _present(message.v_acc, 1e-3),
-        _dop(message.eph),
-        _dop(message.epv),
+        _dop(message.eph, has_fix=message.fix_type >= FIX_3D),
+        _dop(message.epv, has_fix=message.fix_type >= FIX_3D),
         message.fix_type,
         -1 if message.satellites_visible == UNKNOWN_U8 else message.satellites_visible,
         0,
@@ -182,6 +206,40 @@ def highres_imu(message: Message) -> Readings:
     return tuple(readings)
 
 
+def hygrometer(message: Message) -> Readings:
+    """HYGROMETER_SENSOR: centidegrees, without a time stamp; a probe in the air."""
+    kelvin = message.temperature * 0.01 + ZERO_CELSIUS_K
+    return (_air(TimeBase.NONE, 0, message.id % 4, kelvin),)
+
+
+def airspeed_temperature(message: Message) -> Readings:
+    """SCALED_PRESSURE.temperature_press_diff: the sensor of the airspeed; 0 is absent."""
+    kelvin = _present(message.temperature_press_diff, 0.01) + ZERO_CELSIUS_K
+    if math.isnan(kelvin):
+        return ()
+    return (_air(TimeBase.BOOT, message.time_boot_ms * 1000, 0, kelvin),)
+
+
+def imu_temperature(message: Message) -> Readings:
+    """HIGHRES_IMU.temperature, degrees Celsius: a sensor's die."""
+    if not (message.fields_updated or 0xFFFF) & 0x1000:
+        return ()
+    kelvin = _finite(message.temperature + ZERO_CELSIUS_K)
+    return (_air(TimeBase.EITHER, message.time_usec, message.id % 4, kelvin),)
+
+
+def _air(base: TimeBase, stamp_us: int, instance: int, kelvin: float) -> Reading:
+    return Reading(Kind.AIR, base, stamp_us, instance, (kelvin, math.nan, math.nan))
+
+
+THERMOMETERS: dict[str, dict[int, Callable[[Message], Readings]]] = {
+    "hygrometer": {mavlink.MAVLINK_MSG_ID_HYGROMETER_SENSOR: hygrometer},
+    "airspeed": {mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: airspeed_temperature},
+    "imu": {mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: imu_temperature},
+    "none": {},
+}
+"""Sources of the air temperature, by the value of ``intake.air_temperature``."""
+
 CONVERTERS: dict[int, Callable[[Message], Readings]] = {
     mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: lambda message: scaled_pressure(message, 0),
     mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2: lambda message: scaled_pressure(message, 1),
@@ -199,6 +257,7 @@ CONVERTERS: dict[int, Callable[[Message], Readings]] = {
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: extended_sys_state,
     mavlink.MAVLINK_MSG_ID_HOME_POSITION: home_position,
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: system_time,
+    mavlink.MAVLINK_MSG_ID_VFR_HUD: vfr_hud,
 }
 """RAW_IMU is missing: its scale needs memory (`companion.mavlink.imu`)."""
 
@@ -253,7 +312,8 @@ def _known_u16(value: int, scale: float) -> float:
     return value * scale if value != UNKNOWN_U16 else math.nan
 
 
-def _dop(value: int) -> float:
-    """Dilution of precision; 0 and 65535 are unknown. 99.99 is what a receiver without a solution
-    says: hopeless."""
-    return value * 0.01 if value not in (0, UNKNOWN_U16) else math.nan
+def _dop(value: int, *, has_fix: bool) -> float:
+    """Dilution of precision; 0 and 65535 are unknown. 99.99 is hopeless without a fix, and unknown
+    beside one: some receivers never fill it in."""
+    unknown = (0, UNKNOWN_U16, NO_DOP) if has_fix else (0, UNKNOWN_U16)
+    return value * 0.01 if value not in unknown else math.nan

@@ -180,6 +180,16 @@ class Identity:
             self._compete(speaker, frame, message, arrival_us, source)
         return self.vehicle != before
 
+    def resume(self, earlier: "Identity", arrival_us: int) -> None:
+        """Follow the vehicle that `earlier` followed, without waiting for its heartbeat."""
+        if earlier.vehicle is None:
+            return
+        self.vehicle, self.component_id = earlier.vehicle, earlier.component_id
+        self.autopilot, self.vehicle_type = earlier.autopilot, earlier.vehicle_type
+        self.version, self._source = earlier.version, earlier.source
+        self._latched_us = self._source_us = arrival_us
+        self._autopilots[earlier.vehicle] = _Autopilot(arrival_us)
+
     def note(self, heartbeat: Message) -> None:
         """Remember what the vehicle's HEARTBEAT says it is: another autopilot must be named by three
         in a row."""
@@ -311,7 +321,8 @@ class Identity:
     def _tell_unfit(self, speaker: tuple[int, int], heard: _Autopilot, message: Message) -> None:
         """One line about an autopilot with ids that are not followed unless configured."""
         lasts = heard.last_us - heard.first_us >= SETTLE_US
-        if heard.told or not lasts or self.vehicle is not None:
+        is_another = self._wanted is not None and speaker[0] != self._wanted
+        if heard.told or not lasts or is_another or self.vehicle is not None:
             return
         heard.told = True
         keys = f"vehicle.system_id: {speaker[0]} and vehicle.component_id: {speaker[1]}"

@@ -1,6 +1,6 @@
 """Compiled scan of a telemetry log's records, and compiled copying of their payloads.
 
-A record is a big-endian 64-bit time and one MAVLink frame. `scan_records` follows records that are
+A record is a 64-bit time, big-endian by rule, and one MAVLink frame. `scan_records` follows records that are
 whole, known and undamaged, and stops at the first that is not: what to do there is decided by
 `companion.logs.tlog`, in Python, once for every damaged place. The rules for a frame are those of
 `companion.mavlink.framing.scan`; a test holds the two equal.
@@ -41,6 +41,7 @@ def scan_records(
     offset: int,
     limit: int,
     last_time_us: int,
+    little: int,
     crc_table: Rows,
     extras: Rows,
     v1_lengths: Rows,
@@ -53,6 +54,7 @@ def scan_records(
     ----------
     data : uint8, shape (n,).
     last_time_us : a record with a later time is not good.
+    little : 1 when the times are little-endian.
     crc_table : int64, shape (256,): the table of the checksum (CRC-16/MCRF4XX).
     extras : int64, shape (largest id + 1,): CRC_EXTRA by message id, -1 for unknown ids.
     v1_lengths : int64, shape (largest id + 1, 2): smallest and largest MAVLink 1 payload.
@@ -83,8 +85,8 @@ def scan_records(
         if stop > size:
             break
         time_us = 0
-        for i in range(offset, at):
-            time_us = time_us << 8 | int(data[i])
+        for i in range(STAMP):
+            time_us = time_us << 8 | int(data[at - 1 - i if little else offset + i])
         if time_us < 0 or time_us > last_time_us:
             break
         if start == V2:

@@ -43,7 +43,9 @@ WINDOW_US = 1_000_000
 WINDOW_MESSAGES = 5
 SETTLE_US = 200_000
 DEAD_US = 1_500_000
-"""the vehicle's clock stands still, or the vehicle is silent, when nothing moved it for so long"""
+"""the vehicle is silent when nothing came for so long"""
+STOPPED_US = 1_000_000
+"""its clock stands still when it sent frames for so long that did not move it"""
 FORGOTTEN_US = 10_000_000
 """after a silence of this length the vehicle may have been restarted"""
 GROUP_PAUSE_US = 3_000_000
@@ -256,7 +258,7 @@ class StreamSupervisor:
         return False
 
     def _judge(self, now_us: int, vehicle_us: int, heard: Mapping[int, int], stations: str) -> None:
-        stopped = now_us - self._moved_us > DEAD_US
+        stopped = self._alive_us - self._moved_us > STOPPED_US
         for watch in self.watches.values():
             count = heard.get(watch.stream.message_id, 0)
             watch.heard = watch.heard or count > 0

@@ -23,18 +23,25 @@ The rest is off unless asked for:
   tenth of that;
 - ground effect: near the ground the wing's lift raises the pressure under it, in parts of the
   dynamic pressure, dying out over half a span;
+- lift: once the wing carries, the flow around the airframe changes the pressure at the port; real
+  light aircraft read 10-13 m low in flight at three of four (reference measurements of G1000 logs
+  against SBAS), beside the error by dynamic pressure;
+- drift: weather and warm-up that nobody simulates; the residual of real flights drifts by
+  0.001-0.003 m/s over 1800 s, and walks by 0.02 m/sqrt(s);
+- stamp jitter: a bus or a logger stamps a reading late, by up to 0.3 s at an avionics unit;
 - acceleration: the membrane's own weight. No data sheet of the presets tells it: turn the board
   over and halve the change.
 """
 
 import math
+from collections import deque
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
 from sim.aircraft_state import Flow
-from sim.sensors import GaussMarkov, SensorConfig, normals
+from sim.sensors import GaussMarkov, SensorConfig, normals, uniforms
 
 NonNegative = Annotated[float, Field(ge=0.0, le=10_000.0)]
 Positive = Annotated[float, Field(gt=0.0, le=1e6)]
@@ -65,7 +72,26 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
     "DPS310": {
         "white_sd_pa": 0.35, "bias_sd_pa": 33.0, "quantum_pa": 0.06, "thermal_sd_pa_per_k": 0.5, "wander_sd_pa": 2.0,
     },
+    # Measured on four light aircraft with avionics barometers against SBAS heights, in warm air: the
+    # port reads high by 0.09-0.17 of the dynamic pressure, low by 10 m once the wing carries, late
+    # by 0.5-1.2 s; drift 0.002 m/s over 1800 s and 0.02 m/sqrt(s) (12 Pa/m); fast error 0.5-1 m
+    # over 60 s; white 0.1-0.3 m; stamps up to 0.3 s late. Ground effect and warm-up are assumed.
+    "real light aircraft": {
+        "static_port": 0.13, "static_port_sd": 0.03, "lift_pa": 120.0, "lag_s": 1.0, "drift_sd_pa_per_s": 0.024,
+        "walk_pa_rts": 0.24, "wander_sd_pa": 9.0, "wander_time_s": 60.0, "white_sd_pa": 2.4, "stamp_jitter_s": 0.3,
+        "bias_sd_pa": 30.0, "ground_effect_sd": 0.05, "thermal_sd_pa_per_k": 0.3, "warming_time_s": 600.0,
+    },
+    # A MEMS part inside a small fuselage without a static port: the same drift and port error, with
+    # either sign (propwash moves it by 4-7 m), a lag of 0.1 s, warm-up of 1-4 m (1.6 Pa/K, data/real).
+    "real small UAV": {
+        "static_port": 0.0, "static_port_sd": 0.13, "lag_s": 0.1, "drift_sd_pa_per_s": 0.024, "walk_pa_rts": 0.24,
+        "wander_sd_pa": 9.0, "wander_time_s": 60.0, "white_sd_pa": 2.4, "stamp_jitter_s": 0.05, "bias_sd_pa": 50.0,
+        "ground_effect_sd": 0.1, "ground_effect_height_m": 2.0, "thermal_sd_pa_per_k": 1.6, "warming_time_s": 300.0,
+    },
 }  # fmt: skip
+LIFT_OFF_PA = 480.0
+"""dynamic pressure at 28 m/s, at which a light aircraft's wing carries it"""
+DRIFT_TIME_S = 1800.0
 
 
 class BarometerConfig(SensorConfig):
@@ -100,14 +126,32 @@ class BarometerConfig(SensorConfig):
     """resolution of a reading"""
     static_port: Coefficient = 0.0
     """error in parts of the dynamic pressure; positive reads low in flight"""
+    static_port_sd: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
+    """standard deviation of `static_port` between devices"""
+    lift_pa: Annotated[float, Field(ge=-1000.0, le=1000.0)] = 0.0
+    """pressure rise at the port once the wing carries (480 Pa of dynamic pressure), in proportion
+    below"""
+    drift_sd_pa_per_s: NonNegative = 0.0
+    """standard deviation of the drift rate, a first-order Gauss-Markov process over 1800 s"""
+    walk_pa_rts: NonNegative = 0.0
+    """random walk of the error, Pa per square root of a second"""
+    stamp_jitter_s: Annotated[float, Field(ge=0.0, le=2.0)] = 0.0
+    """largest age of a reading at its time stamp, uniformly distributed"""
     sideslip: Coefficient = 0.0
     """suction in parts of the dynamic pressure times the squared sine of the sideslip"""
     ground_effect: Coefficient = 0.0
     """pressure rise at the ground in parts of the dynamic pressure"""
+    ground_effect_sd: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
+    """standard deviation of `ground_effect` between devices; either sign occurs"""
     ground_effect_height_m: Positive = 5.0
     """height of the ground effect's decay to 1/e"""
     acceleration_pa_per_g: Annotated[float, Field(ge=-1000.0, le=1000.0)] = 0.0
     """error for each g above the one at rest"""
+
+    @property
+    def has_drift(self) -> bool:
+        """Whether the error drifts beyond its slow wander."""
+        return self.drift_sd_pa_per_s > 0.0 or self.walk_pa_rts > 0.0
 
 
 class Pressure(NamedTuple):
@@ -138,13 +182,20 @@ class Barometer:
             self.thermal_pa_per_k += config.thermal_sd_pa_per_k * next(
                 normals(seed, "barometer", "thermal")
             )
+        self.static_port = config.static_port + _specimen(config.static_port_sd, seed, "port")
+        self.ground_effect = config.ground_effect + _specimen(
+            config.ground_effect_sd, seed, "ground effect"
+        )
+        self._slow = _Drift(config, dt_s, seed) if config.has_drift else None
+        self._late = _StampJitter(config.stamp_jitter_s, dt_s, seed)
         self._follow = 1.0 - math.exp(-dt_s / config.lag_s) if config.lag_s else 1.0
         self._port_pa: float | None = None
         self.feels_flow = any(
             (
-                config.static_port,
+                self.static_port,
+                config.lift_pa,
                 config.sideslip,
-                config.ground_effect,
+                self.ground_effect,
                 config.acceleration_pa_per_g,
             )
         )
@@ -163,12 +214,15 @@ class Barometer:
         if self._port_pa is None:
             self._port_pa = pressure_pa
         self._port_pa += self._follow * (pressure_pa - self._port_pa)
+        stamped_pa = self._late.reading_pa(self._port_pa)
         error_pa += self.bias_pa + self._wander.step() + config.white_sd_pa * next(self._white)
         warm = 1.0 - math.exp(-time_us * 1e-6 / config.warming_time_s)
         die_k = temperature_k + config.warming_k * warm
         if self.thermal_pa_per_k:
             error_pa += self.thermal_pa_per_k * (die_k - REFERENCE_K)
-        reading_pa = self._port_pa + error_pa
+        if self._slow is not None:
+            error_pa += self._slow.step()
+        reading_pa = stamped_pa + error_pa
         if config.quantum_pa:
             reading_pa = round(reading_pa / config.quantum_pa) * config.quantum_pa
         return Pressure(time_us, reading_pa, die_k)
@@ -176,8 +230,51 @@ class Barometer:
     def port_error_pa(self, flow: Flow) -> float:
         """What the flow adds to the static pressure at the port."""
         config = self.config
-        ground = config.ground_effect * math.exp(
+        ground = self.ground_effect * math.exp(
             -max(0.0, flow.height_m) / config.ground_effect_height_m
         )
         slip = config.sideslip * math.sin(flow.sideslip_rad) ** 2
-        return flow.dynamic_pressure_pa * (ground - config.static_port - slip)
+        lift_pa = config.lift_pa * min(1.0, flow.dynamic_pressure_pa / LIFT_OFF_PA)
+        return lift_pa + flow.dynamic_pressure_pa * (ground - self.static_port - slip)
+
+
+def _specimen(sd: float, seed: int, name: str) -> float:
+    """What makes a device differ from others of its kind: one number a seed."""
+    return sd * next(normals(seed, "barometer", name)) if sd else 0.0
+
+
+class _Drift:
+    """Error whose rate is a first-order Gauss-Markov process, and a random walk."""
+
+    def __init__(self, config: BarometerConfig, dt_s: float, seed: int) -> None:
+        self._dt_s = dt_s
+        noise = normals(seed, "barometer", "drift rate")
+        self._rate = GaussMarkov(config.drift_sd_pa_per_s, DRIFT_TIME_S, dt_s, noise)
+        self._walk_pa = config.walk_pa_rts * math.sqrt(dt_s)
+        self._steps = normals(seed, "barometer", "walk")
+        self._error_pa = 0.0
+
+    def step(self) -> float:
+        """Advance by one reading; the error, Pa."""
+        self._error_pa += self._rate.step() * self._dt_s + self._walk_pa * next(self._steps)
+        return self._error_pa
+
+
+class _StampJitter:
+    """Readings that are older than their stamps say, by a random time up to `largest_s`."""
+
+    def __init__(self, largest_s: float, dt_s: float, seed: int) -> None:
+        self._largest_s, self._dt_s = largest_s, dt_s
+        self._uniform = uniforms(seed, "barometer", "stamps") if largest_s else None
+        self._past: deque[float] = deque(maxlen=math.ceil(largest_s / dt_s) + 2)
+
+    def reading_pa(self, port_pa: float) -> float:
+        """The pressure that is told when that at the port is `port_pa` now."""
+        if self._uniform is None:
+            return port_pa
+        self._past.appendleft(port_pa)
+        steps = next(self._uniform) * self._largest_s / self._dt_s
+        newer = min(int(steps), len(self._past) - 1)
+        older = min(newer + 1, len(self._past) - 1)
+        share = steps - int(steps)
+        return self._past[newer] + share * (self._past[older] - self._past[newer])

@@ -26,6 +26,7 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
+from companion.config import Settings
 from sim.aircraft_state import Truth
 from sim.sensors import GaussMarkov, SensorConfig, normals
 
@@ -64,6 +65,21 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
 }  # fmt: skip
 
 
+TYPE_SD_M: Mapping[int, tuple[float, float]] = {3: (0.15, 4.2), 4: (0.15, 1.2), 5: (0.05, 0.3)}
+"""White and slow height error of a receiver that has fallen to a lower fix type: single fixes as the
+preset u-blox M8; DGPS and RTK float are assumed, decimetres for an ambiguity that is not fixed. At
+its own type a receiver has its own errors."""
+
+
+class FixChange(Settings):
+    """A change of the receiver's fix type, with the accuracy that belongs to the type."""
+
+    time_s: Annotated[float, Field(ge=0.0, le=200_000.0)]
+    """time of the change since boot"""
+    fix: Literal[3, 4, 5, 6]
+    """MAVLink's fix type from then on"""
+
+
 class GnssConfig(SensorConfig):
     """Noise parameters of the receiver."""
 
@@ -94,6 +110,8 @@ class GnssConfig(SensorConfig):
     """time from boot to the first fix"""
     fix: Literal[3, 4, 5, 6] = 3
     """MAVLink's fix type: 3 is 3D, 4 DGPS, 5 RTK float, 6 RTK fixed"""
+    fix_changes: tuple[FixChange, ...] = ()
+    """changes of the fix type during the flight, such as an RTK receiver that loses its base"""
     undulation_m: Annotated[float, Field(ge=-110.0, le=90.0)] = 47.6
     """height of the geoid above the ellipsoid; default: EGM96 at 47 N 8 E"""
     hdop: Annotated[float, Field(gt=0.0, le=50.0)] = 0.8
@@ -182,6 +200,11 @@ class GnssReceiver:
             self.vertical_sd_m *= config.optimism
         elif config.accuracy == "stuck":
             self.horizontal_sd_m = self.vertical_sd_m = config.stuck_accuracy_m
+        self._fallen: dict[int, GaussMarkov] = {
+            change.fix: wander(f"type {change.fix}", TYPE_SD_M[change.fix][1])
+            for change in config.fix_changes
+            if change.fix in TYPE_SD_M and change.fix != config.fix
+        }
         self._underway: deque[tuple[int, Fix]] = deque()
         """by time of arrival"""
         self._last_arrival_us = 0
@@ -196,6 +219,8 @@ class GnssReceiver:
         if config.multipath_sd_m:
             height_m = max(0.0, truth.altitude_amsl_m - self._ground_m)
             up_m += self._multipath.step() * math.exp(-height_m / config.multipath_height_m)
+        fix_type, fallen_m, vertical_sd_m = self._fallen_to(truth.time_us)
+        up_m += fallen_m
         north_mps = truth.north_mps + config.velocity_sd_mps * next(self._velocity)
         east_mps = truth.east_mps + config.velocity_sd_mps * next(self._velocity)
         arrival_us = self._arrival_us(truth.time_us)
@@ -205,7 +230,7 @@ class GnssReceiver:
         fix = Fix(
             truth.time_us,
             stamp_us,
-            config.fix if truth.time_us >= self._first_fix_us else 1,
+            fix_type if truth.time_us >= self._first_fix_us else 1,
             truth.latitude_deg + north_m / _EARTH_M_PER_DEG,
             truth.longitude_deg + east_m / per_degree_m,
             altitude_m,
@@ -214,13 +239,25 @@ class GnssReceiver:
             east_mps,
             config.velocity_sd_mps * next(self._climb) - truth.down_mps,
             self.horizontal_sd_m,
-            self.vertical_sd_m,
+            vertical_sd_m,
             config.velocity_sd_mps,
             config.satellites,
             round(config.hdop * 100.0),
             round(config.vdop * 100.0),
         )
         self._underway.append((arrival_us, fix))
+
+    def _fallen_to(self, time_us: int) -> tuple[int, float, float]:
+        """Fix type, further height error and reported accuracy at a time."""
+        config, fix_type = self.config, self.config.fix
+        for change in config.fix_changes:
+            fix_type = change.fix if time_us >= change.time_s * 1e6 else fix_type
+        errors_m = {fix: wander.step() for fix, wander in self._fallen.items()}
+        if fix_type not in errors_m:
+            return fix_type, 0.0, self.vertical_sd_m
+        white_m, slow_m = TYPE_SD_M[fix_type]
+        error_m = errors_m[fix_type] + white_m * next(self._white_up)
+        return fix_type, error_m, math.hypot(white_m, slow_m)
 
     def _arrival_us(self, measured_us: int) -> int:
         """Later ones do not overtake: they come out of one serial line."""

@@ -12,15 +12,18 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from companion.errors import ConfigError
-from companion.evaluation.compare import SETTLE_S, Comparison, compare
+from companion.evaluation.compare import SETTLE_S, Comparison, compare_log
+from companion.evaluation.samples import samples_of
 from companion.settings import CompanionSettings
 from sim.flight import Summary
 from sim.scenario import Scenario, load_scenario
 from sim.studies import runs
+from sim.studies.expectations import missed
 from sim.studies.fault_windows import attribution, fault_windows
 from sim.studies.runs import Done, Row, flown
 
@@ -48,20 +51,31 @@ class Job:
         return f"{self.scenario.name}-{self.seed}"
 
 
-def fly(job: Job) -> tuple[Summary, Comparison]:
-    """Fly to a temporary log, and run the estimators over it."""
+class Flown(NamedTuple):
+    """One flight, what every estimator made of it, and the scenario's demands that were missed."""
+
+    summary: Summary
+    found: Comparison
+    missed: list[str]
+
+
+def fly(job: Job) -> Flown:
+    """Fly to a temporary log, run the estimators over it, and judge what would be published."""
     with flown(job.scenario, job.seed) as (tlog, summary):
-        return summary, compare(tlog, job.settings, SETTLE_S, estimators=job.estimators)
+        log = samples_of(tlog, job.settings)
+    found = compare_log(log, job.settings, SETTLE_S, estimators=job.estimators)
+    return Flown(summary, found, missed(job.scenario, log, job.settings))
 
 
 def run_job(job: Job) -> list[Row]:
     """Fly and judge; the rows of the estimators, the autopilot's own result and the raw sensors."""
     started_s = time.perf_counter()
-    summary, found = fly(job)
+    summary, found, misses = fly(job)
     harmed = fault_windows(job.scenario.faults, summary.duration_s)
     tail = {
         "flight_s": summary.duration_s,
         "elapsed_s": time.perf_counter() - started_s,
+        "missed": "; ".join(misses),
         "error": None,
     }
     return [
@@ -151,6 +165,7 @@ def summary(rows: Sequence[Row]) -> list[Row]:
                 line["rmse_sd_m"] = float(np.std(values, ddof=1)) if values.size > 1 else math.nan
         for name in COUNTS:
             line[name] = sum(row.get(name) or 0 for row in members)
+        line["missed"] = sum(bool(row.get("missed")) for row in members)
         lines.append(line)
     return lines
 

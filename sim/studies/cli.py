@@ -173,13 +173,14 @@ def _print_campaign(lines: "list[Row]", failed: list[str]) -> None:
         "above": "exceedances", "us": "cost_us", "named s": "detection_s", "wrong": "wrong_share",
     }  # fmt: skip
     table = Table("scenario", "source", "n", box=None, pad_edge=False)
-    for name in (*names, "found", "false"):
+    for name in (*names, "found", "false", "missed"):
         table.add_column(name, justify="right")
     for line in lines:
         values = (line[key] for key in names.values())
         cells = ["" if math.isnan(value) else f"{value:.2f}" for value in values]
         cells.append(f"{line['detected']}/{line['faults']}" if line["faults"] else "")
         cells.append(str(line["false_alarms"]) if line["false_alarms"] else "")
+        cells.append(str(line["missed"]) if line["missed"] else "")
         table.add_row(line["scenario"], line["source"], str(line["flights"]), *cells)
     Console(width=140).print(table)
     if failed:

@@ -57,13 +57,16 @@ def section(job: Job, out: Path) -> Section:
     Raises `SimulationError` when the flight fails.
     """
     scenario = job.scenario
-    summary, found = fly(job)
+    summary, found, misses = fly(job)
     harmed = fault_windows(scenario.faults, summary.duration_s)
     page = Page(scenario.name, out)
     page.text(f"## {scenario.name}")
     page.text(f"{scenario.summary} ({scenario.aircraft}, {summary.duration_s / 60.0:.0f} min)")
-    if scenario.expected:
-        page.text(f"*Expected:* {' '.join(scenario.expected.split())}")
+    if scenario.about:
+        page.text(" ".join(scenario.about.split()))
+    page.text(
+        f"Expected of {DEFAULT_ESTIMATOR}: {'missed: ' + '; '.join(misses) if misses else 'all met'}."
+    )
     _draw(page, found, harmed)
     page.text(_errors(found))
     if harmed:

@@ -20,6 +20,7 @@ from sim.sensors.barometer import Pressure
 from sim.sensors.gnss import Fix
 from sim.sensors.imu import ImuSample
 from sim.vehicle.frames import Packer, packer
+from sim.vehicle.magnetic_field import field_b_mgauss
 from sim.vehicle.own_estimate import Position
 from sim.weather import TrueAir
 
@@ -43,8 +44,6 @@ _ESTIMATE: int = mavlink.MAV_SYS_STATUS_AHRS | mavlink.MAV_SYS_STATUS_PREARM_CHE
 _ALL_SENSORS = _MOTION_SENSORS | _PRESSURE_SENSORS | _RECEIVER | _ESTIMATE
 TRUE_AIR = "trueAir"
 _ARRAY_SIZE = 58
-_EARTH_FIELD_MGAUSS = (215.0, 8.0, 425.0)
-"""north, east, down; World Magnetic Model at 47 N 8 E"""
 
 
 @dataclass(slots=True)
@@ -61,6 +60,8 @@ class State:
     """commanded, 0 to 1"""
     imu: ImuSample | None = None
     pressure: Pressure | None = None
+    air_temperature_k: float = math.nan
+    """reading of the probe in the air; NaN without one"""
     fix: Fix | None = None
     position: Position | None = None
     home: Position | None = None
@@ -194,6 +195,14 @@ def scaled_pressure(state: State) -> bytes | None:
     return _SCALED_PRESSURE.wire(
         state.time_us // 1000, sample.pressure_pa * 0.01, pitot_hpa, die_cdegc, 0
     )
+
+
+def hygrometer_sensor(state: State) -> bytes | None:
+    """The probe in the air, if one is fitted; its humidity is unknown."""
+    if math.isnan(state.air_temperature_k):
+        return None
+    cdegc = round((state.air_temperature_k - 273.15) * 100.0)
+    return _HYGROMETER_SENSOR.named(id=0, temperature=cdegc, humidity=_UNKNOWN_U16)
 
 
 def gps_raw_int(state: State) -> bytes | None:
@@ -336,17 +345,6 @@ def int16(value: float) -> int:
     return int(value) if -32768.0 <= value <= 32767.0 else 32767 if value > 0.0 else -32768
 
 
-def field_b_mgauss(truth: Truth) -> tuple[float, float, float]:
-    """The Earth's magnetic field in the body's axes, milligauss."""
-    north, east, down = _EARTH_FIELD_MGAUSS
-    cr, sr = math.cos(truth.roll_rad), math.sin(truth.roll_rad)
-    cp, sp = math.cos(truth.pitch_rad), math.sin(truth.pitch_rad)
-    cy, sy = math.cos(truth.yaw_rad), math.sin(truth.yaw_rad)
-    ahead, right = cy * north + sy * east, cy * east - sy * north
-    below = sp * ahead + cp * down
-    return cp * ahead - sp * down, cr * right + sr * below, cr * below - sr * right
-
-
 _HEARTBEAT = packer("HEARTBEAT")
 _SYS_STATUS = packer("SYS_STATUS")
 _VFR_HUD = packer("VFR_HUD")
@@ -357,6 +355,7 @@ _SIM_STATE = packer("SIM_STATE")
 _HIGHRES_IMU = packer("HIGHRES_IMU")
 _DEBUG_FLOAT_ARRAY = packer("DEBUG_FLOAT_ARRAY")
 _SCALED_PRESSURE = packer("SCALED_PRESSURE")
+_HYGROMETER_SENSOR = packer("HYGROMETER_SENSOR")
 _GPS_RAW_INT = packer("GPS_RAW_INT")
 _GLOBAL_POSITION_INT = packer("GLOBAL_POSITION_INT")
 _EXTENDED_SYS_STATE = packer("EXTENDED_SYS_STATE")
@@ -382,6 +381,7 @@ _TABLE = (
         (_RAW_IMU.message_id, _ATTITUDE.message_id),
     ),
     Telemetry(_SCALED_PRESSURE, scaled_pressure, 1.0, 20.0, _RAW_SENSORS),
+    Telemetry(_HYGROMETER_SENSOR, hygrometer_sensor, 1.0, 1.0, _EXTRA3),
     Telemetry(_GPS_RAW_INT, gps_raw_int, 1.0, 5.0, _EXTENDED_STATUS, Fresh.FIX),
     Telemetry(_GLOBAL_POSITION_INT, global_position_int, 1.0, 10.0, _POSITION, Fresh.MOTION),
     Telemetry(_VFR_HUD, vfr_hud, 1.0, 1.0, _EXTRA2),

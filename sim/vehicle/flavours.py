@@ -12,7 +12,7 @@ from sim.vehicle.ardupilot import State, Telemetry
 from sim.vehicle.frames import packer
 from sim.vehicle.parameters import Parameter
 
-FlavourName = Literal["ardupilot", "px4", "generic"]
+FlavourName = Literal["ardupilot", "copter", "px4", "generic"]
 
 _DENIED: int = mavlink.MAV_RESULT_DENIED
 _FAILED: int = mavlink.MAV_RESULT_FAILED
@@ -79,10 +79,29 @@ def _generic_heartbeat(state: State) -> bytes:
     return packer("HEARTBEAT").wire(0, mavlink.MAV_TYPE_FIXED_WING, 0, base_mode, status, 3)
 
 
+def _copter_heartbeat(state: State) -> bytes:
+    """Stabilize in standby; AUTO, armed and active."""
+    base_mode, custom_mode, status = (217, 3, 4) if state.armed else (81, 0, 3)
+    kind, autopilot = mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+    return packer("HEARTBEAT").wire(custom_mode, kind, autopilot, base_mode, status, 3)
+
+
+def _shortest_us(loop_hz: float) -> int:
+    """ArduPilot denies messages more often than in 0.8 of its loops."""
+    return round(1e6 / (0.8 * loop_hz))
+
+
+PLANE_LOOP_HZ, COPTER_LOOP_HZ = 50.0, 400.0
+"""SCHED_LOOP_RATE's defaults: Plane grants at most 40 Hz"""
 _UID = 0x6B6F6C6C736D616E  # "kollsman"
 _HEARTBEAT: int = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 _GENERIC = {key: row for key, row in telemetry.TELEMETRY.items() if row.full_hz > 0.0}
 _GENERIC[_HEARTBEAT] = replace(_GENERIC[_HEARTBEAT], payload=_generic_heartbeat)
+_COPTER = {key: replace(row, default_hz=0.0) for key, row in telemetry.TELEMETRY.items()}
+_COPTER[_HEARTBEAT] = replace(
+    _COPTER[_HEARTBEAT], payload=_copter_heartbeat, default_hz=_GENERIC[_HEARTBEAT].default_hz
+)
+"""ArduCopter streams nothing but HEARTBEAT to a link that has not asked."""
 
 ARDUPILOT = Flavour(
     name="ardupilot",
@@ -94,12 +113,15 @@ ARDUPILOT = Flavour(
     unknown_query=_FAILED,
     unknown_request=_FAILED,
     ardupilot=True,
-    shortest_us=12_500,
+    shortest_us=_shortest_us(PLANE_LOOP_HZ),
     step_us=1000,
     buckets=10,
     baro_hz=10,
     timesync_us=10_000_000,
     listing_slowdown=4,
+)
+COPTER = replace(
+    ARDUPILOT, name="copter", messages=_COPTER, shortest_us=_shortest_us(COPTER_LOOP_HZ)
 )
 PX4 = Flavour(
     name="px4",
@@ -124,4 +146,6 @@ GENERIC = Flavour(
     unknown_request=_FAILED,
 )
 
-FLAVOURS: Mapping[str, Flavour] = {flavour.name: flavour for flavour in (ARDUPILOT, PX4, GENERIC)}
+FLAVOURS: Mapping[str, Flavour] = {
+    flavour.name: flavour for flavour in (ARDUPILOT, COPTER, PX4, GENERIC)
+}

@@ -16,8 +16,9 @@ from collections.abc import Mapping
 from sim.aircraft_state import G0_MPS2
 from sim.sensors.barometer import Pressure
 from sim.vehicle import ardupilot as common
-from sim.vehicle.ardupilot import Fresh, State, Telemetry, field_b_mgauss, int16
+from sim.vehicle.ardupilot import Fresh, State, Telemetry, int16
 from sim.vehicle.frames import packer
+from sim.vehicle.magnetic_field import field_b_mgauss
 
 _AUTOPILOT_PX4 = 12
 _FIXED_WING = 1
@@ -152,6 +153,7 @@ _HIGHRES_IMU = packer("HIGHRES_IMU")
 _SCALED_IMU = packer("SCALED_IMU")
 _SIM_STATE = packer("SIM_STATE")
 _SCALED_PRESSURE = packer("SCALED_PRESSURE")
+_HYGROMETER_SENSOR = packer("HYGROMETER_SENSOR")
 _GPS_RAW_INT = packer("GPS_RAW_INT")
 _GLOBAL_POSITION_INT = packer("GLOBAL_POSITION_INT")
 _ALTITUDE = packer("ALTITUDE")
@@ -169,6 +171,7 @@ _TABLE = (
     Telemetry(_ATTITUDE, common.attitude, 50.0, 50.0, fresh=Fresh.MOTION),
     Telemetry(_HIGHRES_IMU, highres_imu, 50.0, 50.0, fresh=Fresh.IMU),
     Telemetry(_SIM_STATE, common.sim_state, 0.0, 25.0, fresh=Fresh.MOTION, follows=_TIMED),
+    Telemetry(_HYGROMETER_SENSOR, common.hygrometer_sensor, 1.0, 1.0),
     Telemetry(_GPS_RAW_INT, gps_raw_int, 50.0, 50.0, fresh=Fresh.FIX),
     Telemetry(_GLOBAL_POSITION_INT, common.global_position_int, 50.0, 50.0, fresh=Fresh.MOTION),
     Telemetry(_ALTITUDE, altitude, 10.0, 10.0),

@@ -32,6 +32,7 @@ from sim.weather.fields import (
 )
 from sim.weather.metar import Day, Metar
 from sim.weather.ramp import Ramp
+from sim.weather.year import Hours, Year
 
 STANDARD_HPA = 1013.25
 _EARTH_M_PER_DEG = 111_319.49
@@ -103,6 +104,7 @@ class WeatherConfig(Settings):
     diurnal: Diurnal | None = None
     mountain_wave: MountainWave | None = None
     gusts: tuple[Gust, ...] = ()
+    year: Year | None = None
     metar: Metar | None = None
     """METAR reports; they replace pressure, temperature, relative_humidity and wind."""
 
@@ -130,6 +132,9 @@ class WeatherConfig(Settings):
         """The fields, which depend on place and time."""
         single = (self.front, self.gradient, self.diurnal, self.mountain_wave)
         return [field for field in (*single, *self.gusts) if field is not None]
+
+
+AnyField = Front | Gradient | Diurnal | MountainWave | Gust | ReportedGusts | Hours
 
 
 class Now(NamedTuple):
@@ -165,11 +170,11 @@ class TrueAir(NamedTuple):
 class Weather:
     """Applies a `WeatherConfig` to an aircraft; each `update` sets the weather of one instant."""
 
-    def __init__(self, config: WeatherConfig, aircraft: Aircraft) -> None:
+    def __init__(self, config: WeatherConfig, aircraft: Aircraft, seed: int = 1) -> None:
         self._aircraft = aircraft
-        self._fields: list[Front | Gradient | Diurnal | MountainWave | Gust | ReportedGusts] = [
-            *config.fields
-        ]
+        self._fields: list[AnyField] = [*config.fields]
+        if config.year is not None:
+            self._fields.append(Hours(config.year, seed))
         latitude_deg, longitude_deg, _ = aircraft.position()
         self._origin_deg = (latitude_deg, longitude_deg)
         layers = Column([(point.altitude_amsl_m, point.offset_k) for point in config.profile])

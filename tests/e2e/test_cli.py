@@ -42,8 +42,9 @@ def test_replay_reports_errors_beside_the_others(kollsman, short_hop: Path) -> N
         "autopilot's own",
         "raw GNSS",
         "raw barometer",
-        "RMSE",
+        "error against truth",
         "ALTITUDE sent",
+        "Altitude is known within",
     ):
         assert label in out
 
@@ -51,13 +52,21 @@ def test_replay_reports_errors_beside_the_others(kollsman, short_hop: Path) -> N
 def test_replay_json_csv_and_log(kollsman, short_hop: Path, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     table, log = tmp_path / "a.csv", tmp_path / "a.tlog"
     code, out, _ = kollsman("replay", short_hop, "--json", "--csv", table, "--out", log)
-    report = json.loads(out)
+    document = json.loads(out)
     assert code == 0
-    assert report["errors"]["estimate"]["rmse_m"] < report["errors"]["gnss"]["rmse_m"] * 1.2
+    assert document["schema"] == "kollsman-report/1"
+    (report,) = document["sessions"]
+    sources = report["sources"]
+    assert report["reference"]["kind"] == "truth"
+    assert sources["estimate"]["rmse_m"] < sources["gnss"]["rmse_m"] * 1.2
     assert report["samples"]["pressure"]["used"] > 4000
-    lines = list(csv.reader(table.read_text().splitlines()))
-    assert lines[0][:4] == ["time_us", "altitude_amsl_m", "climb_mps", "altitude_sd_m"]
+    lines = list(csv.DictReader(table.read_text().splitlines()))
+    assert list(lines[0])[:3] == ["session", "utc", "time_us"]
     assert len(lines) > 5000
+    last = lines[-1]
+    assert abs(float(last["altitude_amsl_m"]) - float(last["truth_altitude_m"])) < 10.0
+    assert 900.0 < float(last["qnh_hpa"]) < 1100.0
+    assert last["verdict"] == "used"
     decoder = Decoder(datagrams=True)
     ours = [
         f

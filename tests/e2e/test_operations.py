@@ -127,3 +127,22 @@ def test_socket_is_free_after_a_kill(port: int) -> None:
     companion.stop(signal.SIGKILL)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as again:
         again.bind(("127.0.0.1", port))
+
+
+def test_estimate_is_back_within_a_second_after_a_kill(
+    port: int, vehicle: LiveVehicle, tmp_path: Path
+) -> None:
+    environment = {"RUNTIME_DIRECTORY": str(tmp_path)}
+    url = f"udpin:127.0.0.1:{port}"
+    with Companion(url, environment=environment) as companion:
+        until(lambda: altitudes(vehicle) > 50)
+        companion.stop(signal.SIGKILL)
+    with Companion(url, environment=environment) as companion:
+        since = time.monotonic()
+        until(lambda: altitudes(vehicle, since) > 0, 10)
+        took_s = time.monotonic() - since
+        until(lambda: altitudes(vehicle, since) > 30, 10)
+        heights = [m.altitude_amsl for m in vehicle.messages("ALTITUDE", since)]
+    assert any("continuing from a checkpoint" in line for line in companion.lines)
+    assert took_s < 1.0, companion.lines
+    assert max(abs(height - 500.0) for height in heights) < 3.0

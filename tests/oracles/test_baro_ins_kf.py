@@ -9,12 +9,12 @@ from scipy.linalg import expm
 from scipy.stats import chi2
 
 from companion.estimators.baro_inertial.baro_ins_kf import (
-    BaroInsKfSettings,
     advance,
     init,
     spread_out,
     start_at,
 )
+from companion.estimators.baro_inertial.settings import BaroInsKfSettings
 from companion.kernels.kalman import correct
 from companion.samples import Rows
 

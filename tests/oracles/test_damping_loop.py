@@ -7,16 +7,15 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.signal import lsim, place_poles
 
-from companion.estimators.baro_inertial import damping_loop, genetic, tuning
+from companion.estimators.baro_inertial import genetic, tuning
 from companion.estimators.baro_inertial.damping_loop import (
     DampingLoopSettings,
     advance,
     feed_back,
     init,
-    matched_gains,
-    poles,
 )
 from companion.estimators.baro_inertial.genetic import Gains
+from companion.estimators.baro_inertial.loop_gains import BARO_ALONE, matched_gains, poles
 from tests.flights import flight
 
 Array = NDArray[np.float64]
@@ -33,7 +32,7 @@ def feed(gains: Gains, time_s: Array, baro_m: Array, force_mps2: Array, every: i
     """The compiled loop: acceleration at each instant, the barometer at each `every`-th; h and v,
     shape (n, 2)."""
     params = DampingLoopSettings().params()
-    params["poles"], params["baro_alone_poles"] = poles(*gains), poles(*damping_loop.BARO_ALONE)
+    params["poles"], params["baro_alone_poles"] = poles(*gains), poles(*BARO_ALONE)
     state = init(params)
     state["running"], state["x_us"], state["corrected_us"] = 1, 0, 0
     state["h"], state["v"], state["inputs"]["acceleration_mps2"] = baro_m[0], 0.0, 0.0

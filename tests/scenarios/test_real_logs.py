@@ -46,11 +46,9 @@ CASES = {
     "real/dronekit_flight_replay.tlog": Case("gnss", 2400, reboots=1),  # another dialect
     "real/lester_b_mav.tlog": Case("gnss", 1800),  # half pressure
     "real/eagle_f759975_mav.tlog": Case("gnss", 2300, slow=True),  # a companion as quadrotor
-    "real/ardusub_small.tlog": Case(
-        "gnss", 400
-    ),  # injected position at 0 m, hull pressure 26 m off
+    "real/ardusub_small.tlog": Case(None, 0),  # injected position at exactly 0 m: no height
     "real/SITL_wlichon_mixed_signed.tlog": Case("gnss", 300),
-    "real/SITL_wlichon_twin_sysid2.tlog": Case("gnss", 65),
+    "real/SITL_wlichon_twin_sysid2.tlog": Case("gnss", 40),  # alt = alt_ellipsoid, 26 m of doubt
     "real/SITL_uavlogviewer_flight_logs.tlog": Case(
         "gnss", 2700, reboots=1, slow=True
     ),  # two boots

@@ -236,7 +236,7 @@ def test_there_are_at_least_fifteen_and_each_makes_a_claim() -> None:
     assert CLAIMS.keys() <= names
     for name in names:
         scenario = load_scenario(name)
-        assert len(scenario.expected) > 60
+        assert len(scenario.about) > 60
         assert scenario.summary.endswith(".")
     summaries = {load_scenario(name).summary for name in names}
     assert len(summaries) == len(names)

@@ -1,6 +1,6 @@
 """Scale-factor and bias error of the barometer: lambda-update from temperature, z-update from GNSS.
 
-Letters as in `companion.estimators.air_data_gnss.steps`.
+Letters as in the package's docstring.
 """
 
 import math

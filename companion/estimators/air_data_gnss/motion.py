@@ -1,6 +1,6 @@
 """Height and climb: the alpha-beta filter (33), (34) of paper W.
 
-Letters as in `companion.estimators.air_data_gnss.steps`.
+Letters as in the package's docstring.
 """
 
 import math

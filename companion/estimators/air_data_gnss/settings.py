@@ -2,9 +2,9 @@
 ``estimators.air-data-gnss``, and the letters of the paper."""
 
 import math
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from companion.estimators.air_data_gnss.error import EXACT, LINEAR, PRINTED
 from companion.estimators.params import EstimatorSettings
@@ -33,6 +33,8 @@ PAPER: dict[str, Any] = {
 class AirDataGnssSettings(EstimatorSettings):
     """Section ``estimators.air-data-gnss``. The defaults are the preset ``tuned``; a key that is
     given overrides it."""
+
+    PRESETS: ClassVar = {"paper": PAPER}
 
     preset: Literal["tuned", "paper"] = "tuned"
     """defaults of the other keys: physical ones, or those of the paper's simulation"""
@@ -81,14 +83,6 @@ class AirDataGnssSettings(EstimatorSettings):
     """how much warmer than the air the barometer's own thermometer is"""
     die_sd_k: float = Field(10.0, gt=0, le=100)
     """spread of that"""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _preset(cls, values: Any) -> Any:
-        """The keys of the preset below those that are given."""
-        if isinstance(values, dict) and values.get("preset") == "paper":
-            return PAPER | values
-        return values
 
     def derived(self) -> dict[str, Any]:
         """The letters of the paper."""

@@ -1,64 +1,4 @@
-"""Barometer compensated for bias and scale factor from GNSS height and air temperature.
-
-I-H. Whang, W-S. Ra, "Simple Altitude Estimator using Air-Data and GPS Measurements", IFAC World
-Congress 2008. The paper's letters:
-
-==================  =========================  ========================================================================
-h^B                 ``baro``                   height of the standard atmosphere at the measured pressure (1)
-h^GPS               ``fix_m``                  GNSS height
-a, b                ``error``                  scale-factor and bias error, h^B - h = a (h - H_0) + b (2)
-P^a, P^b            ``error.P``                their covariance; diagonal with ``covariance: marginal``
-lambda              `scale_of_temperature`     pseudo measurement of a from temperature (6)
-z, R                `z_innovation`             h^B - h^GPS (10), its variance R^B + R^GPS
-x, P                ``motion.x``, ``motion.P``   height and climb of the alpha-beta filter (33), (34)
-h^c                 `compensate`               compensated barometer height (32)
-Gamma               ``L0_KPM``                 lapse rate of the standard atmosphere
-H_0, T_0            ``H_0``, ``T_0``           reference height, and the standard temperature there
-==================  =========================  ========================================================================
-
-A cycle is one barometer sample: predict height and climb (33), add Q^a and Q^b (17), (18),
-lambda-update (20)-(22) with the predicted height, z-update (25)-(31) when a fix has come,
-compensate (32), correct height and climb. The paper's Gaussian-approximation z-update is that of a
-Kalman filter for [a, b] whose correlation is dropped afterwards (shown in
-tests/oracles/test_air_data_gnss.py), so one `kalman.correct` serves both the paper's filter and the
-joint one.
-
-Errata
-------
-(2)-(4), (6): a = T_0/T_0' - 1, so lambda has a minus; as printed, +15 K puts 1600 m at 1450 m. (7) divides by T_0^2,
-and the spread of the lapse rate is K/m. z^a and S^a of (23) divide by h^GPS and are not formed. The regressor of (10)
-is the predicted height above H_0, not h^GPS. 1 + a is held at .5 or above.
-
-Departures
-----------
-- H_0 and T_0 are not latched at launch, since no first fix can be trusted: they are those of the
-  standard atmosphere, and h^B is its full column in geometric metres. For a constant lapse rate its
-  error is exactly affine in height.
-- Q^a, Q^b, Q^h grow with time, so that every sample rate means the same; the paper's are for steps
-  of 0.2 s.
-- A fix meets the barometer height of its own time; one that is newer than the barometer waits for
-  the next sample.
-- A temperature is trusted when it is a sample of AIR. That of SCALED_PRESSURE is the sensor die's,
-  10-30 K above the air, and unused by default; ``temperature: die`` subtracts ``die_offset_k``,
-  with a spread to match.
-- Preset ``tuned``: slow walks (b by 3 m in 200 s), the joint covariance, lambda = T_0/T_0' - 1
-  without linearising, temperatures that are news only once a minute (the lapse rate's error changes
-  no sooner), and the height moves with a new correction instead of filtering it, since a new b is
-  no climb. Innovations beyond 3 sigma (barometer: 5) lose weight. When they last (10 s; barometer:
-  1/4 s) the barometer has jumped, or a and b are wrong, and are learned anew.
-- Without a barometer for three seconds the alpha-beta filter follows GNSS heights.
-- ``altitude_sd_m`` is not the paper's P, whose Q^b means 45 m a second. It is the covariance of the
-  correction after the last fix, grown as weather moves it, plus the barometer's noise and the half
-  of the GNSS variance that is correlated over minutes and does not average out.
-
-It uses no IMU.
-
-Breaks when
------------
-GNSS wanders for minutes: it is taken for white, so b follows it. A barometer freezes in a climb: that looks like a = -1
-until the fixes have contradicted it for long. Temperature above 11 km is not used, (5) ends there. With the paper's Q^b
-the output is noisier than the barometer: 38 m rms from 70 m GPS, where the raw barometer has 6 m.
-"""
+"""Steps of the estimator `companion.estimators.air_data_gnss`, whose docstring has paper, letters and departures."""
 
 import math
 
@@ -102,8 +42,17 @@ from companion.estimators.judging import (
     tally,
 )
 from companion.estimators.method import Method
+from companion.estimators.setting import (
+    SETTING,
+    has_setting,
+    indicated_m,
+    indicated_sd_m,
+    note_air,
+    note_level,
+    setting_start,
+)
 from companion.jit import step
-from companion.kernels.atmosphere import baro_altitude_m
+from companion.kernels.atmosphere import baro_altitude_m, pressure_altitude_m
 from companion.kernels.gnss import gnss_sd_m
 from companion.kernels.kalman import spread
 from companion.kernels.ring import at, clear, push, ring_fields
@@ -121,12 +70,14 @@ CORRELATED_SHARE = 0.5
 """Share of the variance of a GNSS height that does not average out: ionosphere, orbits, multipath."""
 
 STATE = state_dtype(
+    ("setting", SETTING),
     ("error", ERROR),
     ("motion", MOTION),
     ("gnss_alone", "i8"),
     *ring_fields("baro", RING_SIZE),  # h^B of the last second or so
     ("baro_m", "f8"),  # the newest of them
     ("temperature_k", "f8"),  # waits for the next pressure
+    ("temperature_us", "i8"),  # of the newest one, -1 none
     ("fix_us", "i8"),  # a fix that waits for the next pressure, -1 none
     ("fix_m", "f8"),
     ("fix_var_m2", "f8"),  # R^GPS of the last fix
@@ -148,9 +99,10 @@ def start(state: Rows, params: Rows) -> None:
     s = state[0]
     reset(state)
     clear(s.baro_us, s.baro_values)
+    setting_start(s.setting)
     error_start(s.error, params)
     motion_start(s.motion)
-    s.fix_us, s.since_us = -1, -1
+    s.fix_us, s.since_us, s.temperature_us = -1, -1, -1
     s.gnss_alone = 0
     s.baro_m, s.temperature_k = math.nan, math.nan
     s.fix_m, s.fix_var_m2, s.slow_var_m2 = math.nan, math.nan, 0.0
@@ -187,11 +139,28 @@ def fuse_waiting_fix(state: Rows, params: Rows) -> None:
 
 
 @step
+def fuse_setting(state: Rows, params: Rows, pressure_pa: float) -> None:
+    """The z-update of a new setting of the altimeter, as one fix at the indicated altitude, where it
+    tells more than is known."""
+    s, p = state[0], params[0]
+    if s.setting.is_new == 0:
+        return
+    s.setting.is_new = 0
+    level_m = pressure_altitude_m(pressure_pa)
+    note_level(s.setting, level_m)
+    altitude_m = indicated_m(s.setting, level_m)
+    sd_m = indicated_sd_m(s.setting, altitude_m, s.now_us)
+    s.error.H[0], s.error.H[1] = s.motion.x[0] - p.H_0, 1.0
+    if sd_m * sd_m < spread(s.error.P, s.error.H):
+        z_update(state, params, s.last_us[PRESSURE, 0], altitude_m, sd_m * sd_m)
+
+
+@step
 def fuse_temperature(state: Rows, params: Rows, die_temperature_k: float, time_us: int) -> None:
     """The lambda-update with the temperature that waits, else with that of the die where it is
     allowed to stand in."""
     s, p = state[0], params[0]
-    air_is_near = s.last_us[AIR, 0] >= 0 and time_us - s.last_us[AIR, 0] <= AIR_REACH_US
+    air_is_near = s.temperature_us >= 0 and time_us - s.temperature_us <= AIR_REACH_US
     if air_is_near and not math.isnan(s.temperature_k):
         lambda_update(s.error, s.motion, params, s.temperature_k, p.R_T, time_us)
     elif not air_is_near and p.use_die == 1 and not math.isnan(die_temperature_k):
@@ -232,6 +201,7 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     if s.gnss_alone == 1:  # the barometer is back: what GNSS told meanwhile is a fix
         z_update(state, params, time_us, s.motion.x[0], s.motion.P[0, 0])
         s.gnss_alone = 0
+    fuse_setting(state, params, sample[0].pressure_pa)
     fuse_waiting_fix(state, params)
     a, b = s.error.x[0], s.error.x[1]
     h_c = compensate(s.baro_m, a, b, p.H_0)
@@ -305,17 +275,23 @@ def follow_gnss(state: Rows, params: Rows, time_us: int, fix_m: float) -> int:
 
 @step
 def on_air(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
-    """A temperature of the air waits for the next pressure, whose height it belongs to."""
+    """A temperature of the air waits for the next pressure, whose height it belongs to; so does a
+    setting of the altimeter."""
     s = state[0]
     instance, T = sample[0].instance, sample[0].air_temperature_k
-    if params[0].use_air == 0 or instance != 0 or (math.isnan(T) and sample[0].qnh_pa > 0.0):
-        return tally(state, AIR, IGNORED)  # a QNH alone says nothing that GNSS does not
-    if not LOWEST_AIR_K <= T <= HIGHEST_AIR_K:
+    sets, warms = has_setting(sample), LOWEST_AIR_K <= T <= HIGHEST_AIR_K
+    if instance != 0 or (params[0].use_air == 0 and not sets):
+        return tally(state, AIR, IGNORED)
+    if not sets and not warms:
         return tally(state, AIR, INVALID)
     if is_stale(state, AIR, instance, sample[0].time_us):
         return tally(state, AIR, STALE)
     place(state, AIR, instance, sample[0].time_us)
-    s.temperature_k = T
+    if sets:
+        note_air(s.setting, sample, not math.isnan(s.baro_m))
+    if warms and params[0].use_air == 1:
+        s.temperature_k = T
+        s.temperature_us = sample[0].time_us
     return tally(state, AIR, USED)
 
 

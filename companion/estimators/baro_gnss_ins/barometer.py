@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from companion.estimators.baro_gnss_ins.corrections import watch_height
-from companion.estimators.baro_gnss_ins.filter import BARO_BIAS, BARO_SCALE, DOWN, GATE
+from companion.estimators.baro_gnss_ins.filter import BARO_BIAS, BARO_SCALE, DOWN, GATE, N
 from companion.estimators.baro_gnss_ins.spikes import (
     SCALE_HEIGHT_M,
     SPIKES,
@@ -15,8 +15,10 @@ from companion.estimators.baro_gnss_ins.spikes import (
 )
 from companion.estimators.baro_gnss_ins.strapdown import POSITION, VELOCITY
 from companion.estimators.judging import GATED, USED
+from companion.estimators.setting import indicated_m, indicated_sd_m, note_level
 from companion.jit import step
-from companion.kernels.kalman import correct, inflated, spread
+from companion.kernels.atmosphere import geopotential_m
+from companion.kernels.kalman import Array, correct, inflated, spread
 from companion.samples import Record, Rows
 
 HELD_M = 10.0
@@ -56,7 +58,13 @@ def is_spike(ins: Record, baro: Record, params: Rows, time_us: int) -> bool:
 
 @step
 def correct_baro(
-    ins: Record, baro: Record, params: Rows, dt_b: float, elapsed_s: float, is_news: bool
+    ins: Record,
+    baro: Record,
+    params: Rows,
+    dt_b: float,
+    elapsed_s: float,
+    is_news: bool,
+    gnss_serves: bool,
 ) -> int:
     """The residual z of (15) with the row H of (16); `dt_b` is the barometer's time less the
     state's.
@@ -89,8 +97,52 @@ def correct_baro(
             ins.P[BARO_BIAS, BARO_BIAS] += z * z
             S += z * z
             baro.one_sided = 0
-        correct(ins.dx, ins.P, H, ins.K, z, inflated(z, S, R, GATE))
+        if params[0].calibrates_only == 1 and gnss_serves:
+            calibrate(ins, H, z, inflated(z, S, R, GATE))
+        else:
+            correct(ins.dx, ins.P, H, ins.K, z, inflated(z, S, R, GATE))
         watch_height(ins, params, z, S, elapsed_s)
     for i in range(H.size):
         H[i] = 0.0
     return GATED if beyond and not is_news else USED
+
+
+@step
+def calibrate(ins: Record, H: Array, z: float, R: float) -> None:
+    """Correct b and s alone with a residual, and leave all other errors as they are (Schmidt).
+
+    The gain of every other error is 0; P = (I - K H) P (I - K H)' + K R K'.
+    """
+    S = R
+    for i in range(N):
+        ins.K[i] = 0.0
+        for j in range(N):
+            ins.K[i] += ins.P[i, j] * H[j]
+        S += H[i] * ins.K[i]
+    # With PH = P H' and a gain k that is PH / S for b and s, 0 elsewhere,
+    # P - k PH' - PH k' + k S k' changes only the rows and columns of b and s.
+    for i in range(N):
+        for j in range(i + 1):
+            k_i = ins.K[i] / S if i >= BARO_BIAS else 0.0
+            k_j = ins.K[j] / S if j >= BARO_BIAS else 0.0
+            ins.P[i, j] += -k_i * ins.K[j] - ins.K[i] * k_j + k_i * S * k_j
+            ins.P[j, i] = ins.P[i, j]
+    for i in range(BARO_BIAS, N):
+        ins.dx[i] += ins.K[i] / S * z
+
+
+@step
+def correct_offset(ins: Record, baro: Record, setting: Record, time_us: int) -> None:
+    """The indicated altitude less the pressure altitude as one measurement of b + s h_p, where it
+    tells more than is known."""
+    setting.is_new = 0
+    level_m = geopotential_m(baro.h_p_m)
+    note_level(setting, level_m)
+    altitude_m = indicated_m(setting, level_m)
+    sd_m = indicated_sd_m(setting, altitude_m, time_us)
+    H = ins.H
+    H[BARO_BIAS], H[BARO_SCALE] = 1.0, baro.h_p_m
+    if sd_m * sd_m < spread(ins.P, H):
+        known_m = ins.b_m + ins.s * baro.h_p_m + ins.dx[BARO_BIAS] + ins.dx[BARO_SCALE] * baro.h_p_m
+        correct(ins.dx, ins.P, H, ins.K, altitude_m - baro.h_p_m - known_m, sd_m * sd_m)
+    H[BARO_BIAS], H[BARO_SCALE] = 0.0, 0.0

@@ -13,6 +13,9 @@ class BaroGnssInsSettings(EstimatorSettings):
     attitude: Literal["own", "vehicle"] = "own"
     """where attitude comes from: aligned in motion from the IMU and GNSS, or also the vehicle's
     ATTITUDE"""
+    barometer: Literal["always", "gnss_unreliable"] = "always"
+    """When the barometer corrects height: with every pressure, or only while GNSS is missing or
+    contradicted, as the paper allows."""
     baro_sd_m: float = Field(1.0, gt=0, le=100)
     """white error of a pressure altitude (the paper's sigma_b)"""
     baro_bias_sd_m: float = Field(100.0, gt=0, le=1000)
@@ -51,4 +54,7 @@ class BaroGnssInsSettings(EstimatorSettings):
     """white acceleration of the vehicle while no IMU tells it"""
 
     def derived(self) -> dict[str, Any]:
-        return {"use_vehicle_attitude": int(self.attitude == "vehicle")}
+        return {
+            "use_vehicle_attitude": int(self.attitude == "vehicle"),
+            "calibrates_only": int(self.barometer == "gnss_unreliable"),
+        }

@@ -1,75 +1,4 @@
-"""Barometer in a GNSS/INS extended Kalman filter.
-
-P. F. Roysdon, J. A. Farrell, "Technical Note: Summary of Baro Pressure for GPS-INS Vertical Channel
-Stability". The paper's letters:
-
-==================  ========================  ==========================================================
-h_p                 ``h_p``                   barometric altitude (12), here closed-form
-p, v, q             ``position_radm`` ...     position, velocity, attitude quaternion of (14)
-b_a, b_g            ``force_bias_mps2`` ...   accelerometer and gyroscope bias of (14)
-b_bb, b_bsf         ``b_m, s``                barometer bias and scale factor: h = h_p + b + s h_p
-dP_d, dv_d          ``dx[2], dx[5]``          errors of the vertical channel, north-east-down
-dt_b                ``dt_b``                  barometer's time less the state's
-z, H                ``z, H``                  baro residual (15) and its row (16)
-sigma_b^2           ``baro_sd_m``             1.0 m2 (the paper prints "1.0 m")
-==================  ========================  ==========================================================
-
-State: seventeen errors, true minus estimated; the first fifteen are those of
-`companion.estimators.baro_gnss_ins.strapdown`, then b and s. The paper's n_s = 20 counts four
-numbers of the quaternion (three errors here) and the receiver's clock bias and drift. Those two
-need pseudoranges: GPS_RAW_INT has none, so this filter is loosely coupled and has no clock states.
-"Fewer than four satellites" is then a time without fixes.
-
-How it runs: RAW_IMU drives the mechanisation; each pressure and each fix corrects it. Attitude is
-aligned in motion by `companion.kernels.attitude`: roll and pitch from specific force less the
-acceleration that GNSS shows, yaw from the course once the vehicle moves, before that with a spread
-of half a turn, which leaves the vertical channel as good as it is at rest. Before alignment, below
-10 Hz of IMU (verdict IGNORED), in gaps of it, or a minute without GNSS velocity, the same state
-runs as height, climb and barometer errors under white acceleration
-(`companion.estimators.baro_gnss_ins.filter`). ATTITUDE is not used unless the settings say so.
-
-Errata
-------
-- (12) is off by -251.6 m at sea level and by kilometres at the ends of its range: kept as
-  `altimetry.cubic_altitude_m`, not used.
-- (11): an inch of mercury has 3386.389 Pa. (13): its derivative is positive, and is taken at the
-  measured pressure.
-- (8) gives the height above ground the wrong sign: it should read (p_ground - p) / (rho g).
-- (15) and (16) agree, and b is what is added to the barometer, not its error.
-- h_m in (16) must not follow the measured altitude. Its noise is also in z, and the product drives
-  s steadily down (a minute of 5 m noise at 20 Hz: s = -0.6); and a row that changes from sample to
-  sample makes b and s look separable in level flight. Here h_m is held until the altitude has
-  changed by 10 m.
-
-Departures
-----------
-- The 5 Pa gate between samples is replaced by one against the trend
-  (`companion.estimators.baro_gnss_ins.spikes`), which neither forbids climbs nor latches. Its 8 Pa
-  grow with the sensor's noise and with the sample interval. Where it had to learn a jump, b's
-  variance grows by the square of it.
-- b and s cannot be told apart in level flight, so s has a prior: temperatures that are 4 % from
-  standard (11 K), as in recorded flights (-7 to +1 %). b has one of 100 m, 12 hPa. b walks 0.3
-  m/sqrt(s), 18 m an hour: a fast front.
-- sigma_b is the least: a sensor that is noisier than that, as its trend shows, gets its own noise.
-- A pressure equal to the last one is no news (autopilots repeat their newest value) and corrects
-  nothing.
-- Innovations of the barometer beyond 3 sigma count as if they were at 3 sigma; fifteen of them in a
-  row on one side are a step, which b takes; three seconds of them are a wrong IMU, which then rests
-  for 30 s (verdict GATED).
-- GNSS heights beyond 3 sigma of the claimed accuracy are GATED until they have lasted
-  (`fixes.fuse_height`), never for good.
-- A fix is late: it meets the state of its own time (`companion.estimators.baro_gnss_ins.track`),
-  with its age in H as dt_b in (16).
-- GNSS errors are correlated in time: fixes within 2 s count as one (R grows by 2 s / interval), and
-  three quarters of the claimed variance are added to that of the state in ``altitude_sd_m``, since
-  no averaging removes them.
-
-Breaks when
------------
-The receiver's slow error exceeds what it claims: the height follows it within a minute. The air's scale error changes
-with height (an inversion): s is one number. The vehicle moves across its nose (multirotors): the course is no heading;
-when the velocities contradict for 5 s the IMU rests and is aligned again.
-"""
+"""Steps of the estimator `companion.estimators.baro_gnss_ins`, whose docstring has paper, letters and departures."""
 
 import math
 
@@ -77,6 +6,7 @@ from companion.estimators.baro_gnss_ins.barometer import (
     BAROMETER,
     barometer_start,
     correct_baro,
+    correct_offset,
     is_spike,
 )
 from companion.estimators.baro_gnss_ins.corrections import (
@@ -106,6 +36,7 @@ from companion.estimators.baro_gnss_ins.strapdown import (
 )
 from companion.estimators.baro_gnss_ins.track import look_up
 from companion.estimators.judging import (
+    AIR,
     ATTITUDE,
     GATED,
     GNSS,
@@ -125,6 +56,12 @@ from companion.estimators.judging import (
     tally,
 )
 from companion.estimators.method import Method
+from companion.estimators.setting import (
+    SETTING,
+    admit_setting,
+    note_air,
+    setting_start,
+)
 from companion.jit import step
 from companion.kernels.atmosphere import baro_altitude_m
 from companion.kernels.attitude import (
@@ -136,11 +73,13 @@ from companion.kernels.attitude import (
 from companion.samples import Kind, Rows, Tables, readable, rows
 
 LOWEST_PA, HIGHEST_PA = 1_000.0, 120_000.0
+FRESH_US = 2_000_000
 VEHICLE_TILT_SD_RAD, VEHICLE_YAW_SD_RAD = 0.03, 0.1
 VEHICLE_TIME_S = 5.0
 """Correlation time of the errors of the autopilot's attitude."""
 
 STATE = state_dtype(
+    ("setting", SETTING),
     ("ins", INS),
     ("baro", BAROMETER),
     ("fixes", FIXES),
@@ -160,6 +99,7 @@ def start(state: Rows, params: Rows) -> None:
     """Forget everything but the counters."""
     s = state[0]
     reset(state)
+    setting_start(s.setting)
     ins_start(s.ins, params)
     barometer_start(s.baro, params)
     fixes_start(s.fixes)
@@ -207,7 +147,9 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         begin(s.ins, time_us, s.baro.h_p_m)
     catch_up(s.ins, params, time_us)
     dt_b = (time_us - s.ins.time_us) * 1e-6
-    verdict = correct_baro(s.ins, s.baro, params, dt_b, elapsed_s, is_news)
+    verdict = correct_baro(s.ins, s.baro, params, dt_b, elapsed_s, is_news, gnss_serves(state))
+    if s.setting.is_new == 1:
+        correct_offset(s.ins, s.baro, s.setting, time_us)
     inject(s.ins, params)
     write_estimate(state, params, estimate)
     return tally(state, PRESSURE, verdict)
@@ -245,6 +187,25 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     inject(s.ins, params)
     write_estimate(state, params, estimate)
     return tally(state, GNSS, verdict)
+
+
+@step
+def gnss_serves(state: Rows) -> bool:
+    """Whether the newest fix is fresh and its height was accepted."""
+    s = state[0]
+    fresh = s.now_us - s.last_us[GNSS, 0] < FRESH_US and s.last_us[GNSS, 0] >= 0
+    return fresh and s.fixes.gnss_sd_m > 0.0 and s.fixes.contradicted_s <= 0.0
+
+
+@step
+def on_air(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
+    """A setting of the altimeter waits for the next pressure. A temperature alone is IGNORED."""
+    s = state[0]
+    verdict = admit_setting(state, sample)
+    if verdict != USED:
+        return verdict
+    note_air(s.setting, sample, not math.isnan(s.baro.h_p_m))
+    return verdict
 
 
 @step
@@ -342,6 +303,8 @@ def run(state: Rows, params: Rows, tables: Tables, estimates: Rows, verdicts: Ro
             verdicts[i] = on_gnss(state, params, tables.gnss[row : row + 1], estimate)
         elif kind == ATTITUDE:
             verdicts[i] = on_attitude(state, params, tables.attitude[row : row + 1], estimate)
+        elif kind == AIR:
+            verdicts[i] = on_air(state, params, tables.air[row : row + 1], estimate)
         elif kind == STATUS:
             verdicts[i] = on_status(state, params, tables.status[row : row + 1], estimate)
 
@@ -358,6 +321,7 @@ METHOD = Method(
         Kind.PRESSURE: on_pressure,
         Kind.GNSS: on_gnss,
         Kind.ATTITUDE: on_attitude,
+        Kind.AIR: on_air,
         Kind.STATUS: on_status,
     },
     run=run,

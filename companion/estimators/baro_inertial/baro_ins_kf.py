@@ -44,16 +44,13 @@ The same as `damping_loop`: every lasting error of the barometer is the altitude
 """
 
 import math
-from collections.abc import Mapping
-from typing import Any
-
-from pydantic import Field
 
 from companion.estimators.baro_inertial.inputs import (
     HIGHEST_PA,
     INPUTS,
     LOWEST_PA,
     baro_is_silent,
+    fuse_setting,
     gate_m,
     note_fix,
     start_inputs,
@@ -62,8 +59,9 @@ from companion.estimators.baro_inertial.inputs import (
     waited_climb_mps,
     write_altitude,
 )
-from companion.estimators.baro_inertial.settings import InputSettings
+from companion.estimators.baro_inertial.settings import BaroInsKfSettings
 from companion.estimators.judging import (
+    AIR,
     ATTITUDE,
     GATED,
     GNSS,
@@ -83,6 +81,7 @@ from companion.estimators.judging import (
     tally,
 )
 from companion.estimators.method import Method
+from companion.estimators.setting import admit_setting
 from companion.jit import step
 from companion.kernels.attitude import attitude_vehicle
 from companion.kernels.kalman import correct
@@ -102,42 +101,6 @@ STATE = state_dtype(
     ("H", "f8", (4,)),
     ("K", "f8", (4,)),
 )
-
-
-class BaroInsKfSettings(InputSettings):
-    """Section ``estimators.baro-ins-kf``."""
-
-    accelerometer_bias_state: bool = True
-    """the fourth state, which the paper's filter lacks"""
-    baro_bias_sd_m: float = Field(0.5, ge=0, le=100)
-    """sigma of (12): what a barometer wanders by in a minute, in quiet air"""
-    baro_bias_time_s: float = Field(60.0, gt=0, le=1e5)
-    """1 / beta of (12)"""
-    baro_sd_m: float = Field(0.3, gt=0, le=100)
-    """of v_a: noise of one sample"""
-    acceleration_noise_mps2_rthz: float = Field(0.1, gt=0, le=10)
-    """of w, m/s2/sqrt(Hz): attitude errors of a degree or two in manoeuvres, far more than the
-    accelerometer's own"""
-    unknown_acceleration_mps2_rthz: float = Field(1.0, gt=0, le=100)
-    """of w without an IMU, m/s2/sqrt(Hz): 1 m/s2 for a second"""
-    accelerometer_bias_sd_mps2: float = Field(0.1, gt=0, le=10)
-    """spread of the accelerometer's bias: 10 mg"""
-    accelerometer_bias_time_s: float = Field(600.0, gt=0, le=1e5)
-    """how long it lasts"""
-
-    def derived(self) -> Mapping[str, Any]:
-        """The letters of the paper."""
-        has_bias = self.accelerometer_bias_state
-        return {
-            **super().derived(),
-            "sigma_m": self.baro_bias_sd_m,
-            "beta_ps": 1.0 / self.baro_bias_time_s,
-            "R_m2": self.baro_sd_m**2,
-            "q_m2ps3": self.acceleration_noise_mps2_rthz**2,
-            "baro_alone_q_m2ps3": self.unknown_acceleration_mps2_rthz**2,
-            "bias_mps2": self.accelerometer_bias_sd_mps2 if has_bias else 0.0,
-            "bias_beta_ps": 1.0 / self.accelerometer_bias_time_s,
-        }
 
 
 def init(params: Rows) -> Rows:
@@ -318,6 +281,19 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
 
 
 @step
+def on_air(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
+    """The setting of the altimeter: the start height where GNSS gives none. A temperature alone is
+    IGNORED."""
+    s = state[0]
+    verdict = admit_setting(state, sample)
+    if verdict != USED:
+        return verdict
+    if fuse_setting(s.inputs, sample):
+        s.running = 0
+    return verdict
+
+
+@step
 def on_attitude(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     """The autopilot's roll and pitch, if wanted."""
     if sample[0].instance != 0 or params[0].use_attitude == 0:
@@ -373,6 +349,8 @@ def run(state: Rows, params: Rows, tables: Tables, estimates: Rows, verdicts: Ro
             verdicts[i] = on_gnss(state, params, tables.gnss[row : row + 1], estimate)
         elif kind == ATTITUDE:
             verdicts[i] = on_attitude(state, params, tables.attitude[row : row + 1], estimate)
+        elif kind == AIR:
+            verdicts[i] = on_air(state, params, tables.air[row : row + 1], estimate)
         elif kind == STATUS:
             verdicts[i] = on_status(state, params, tables.status[row : row + 1], estimate)
 
@@ -389,6 +367,7 @@ METHOD = Method(
         Kind.PRESSURE: on_pressure,
         Kind.GNSS: on_gnss,
         Kind.ATTITUDE: on_attitude,
+        Kind.AIR: on_air,
         Kind.STATUS: on_status,
     },
     run=run,

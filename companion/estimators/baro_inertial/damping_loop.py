@@ -28,7 +28,7 @@ acceleration over its interval), and a barometer sample, T after the last one, t
     h -= alpha e,   V_z -= beta / T e,   a_c += gamma / T^2 e,      e = h - H
 
 with the alpha, beta, gamma for which the error obeys exactly the continuous loop: its transition
-over T has the eigenvalues exp(p T) of the loop's poles p (`matched_gains`). So it is stable at
+over T has the eigenvalues exp(p T) of the loop's poles p (`loop_gains.matched_gains`). So it is stable at
 every rate of the IMU and of the barometer if (6) is, becomes (6) for fast sensors, and a slow
 barometer does not drag the altitude behind a climb, as one that is held between samples would.
 
@@ -66,6 +66,7 @@ from companion.estimators.baro_inertial.inputs import (
     INPUTS,
     LOWEST_PA,
     baro_is_silent,
+    fuse_setting,
     gate_m,
     note_fix,
     start_inputs,
@@ -74,8 +75,15 @@ from companion.estimators.baro_inertial.inputs import (
     waited_climb_mps,
     write_altitude,
 )
+from companion.estimators.baro_inertial.loop_gains import (
+    BARO_ALONE,
+    is_stable,
+    matched_gains,
+    poles,
+)
 from companion.estimators.baro_inertial.settings import InputSettings
 from companion.estimators.judging import (
+    AIR,
     ATTITUDE,
     GATED,
     GNSS,
@@ -95,16 +103,13 @@ from companion.estimators.judging import (
     tally,
 )
 from companion.estimators.method import Method
+from companion.estimators.setting import admit_setting
 from companion.jit import step
 from companion.kernels.attitude import attitude_vehicle
 from companion.samples import Kind, Rows, Tables, readable, rows
 
 LOOP_VAR_M2 = 0.25
 """of the loop's own error: barometer noise and what the gains make of accelerometer noise"""
-TWO_WS2 = 2.0 * 9.80665 / 6_371_000.0
-"""2 w_s^2, 1/s2"""
-BARO_ALONE = (2.0, 1.0, 0.0)
-"""gains without an IMU"""
 
 STATE = state_dtype(
     ("inputs", INPUTS),
@@ -139,57 +144,6 @@ class DampingLoopSettings(InputSettings):
             "poles": poles(self.k1, self.k2, self.k3),
             "baro_alone_poles": poles(*BARO_ALONE),
         }
-
-
-@step
-def is_stable(K1: float, K2: float, K3: float) -> bool:
-    """Whether (6) is stable, by Routh; K3 = 0 leaves a pole at 0, which is let pass."""
-    return K1 > 0.0 and K3 >= 0.0 and K1 * (K2 - TWO_WS2) > K3
-
-
-@step
-def poles(K1: float, K2: float, K3: float) -> tuple[float, float, float]:
-    """Poles of a stable loop (6), 2 w_s^2 left out: a real one p, and a pair m +- sqrt(d), as (p,
-    m, d).
-
-    p lies between -K1 and 0, where the characteristic polynomial changes its sign: bisection to the
-    last bit.
-    """
-    low, high = -K1, 0.0
-    for _ in range(200):
-        middle = 0.5 * (low + high)
-        if not low < middle < high:
-            break
-        if ((middle + K1) * middle + K2) * middle + K3 < 0.0:
-            low = middle
-        else:
-            high = middle
-    mean = -0.5 * (K1 + high)
-    return high, mean, mean * mean - (K2 + high * (K1 + high))
-
-
-@step
-def matched_gains(p: float, m: float, d: float, T: float) -> tuple[float, float, float]:
-    """alpha, beta / T, gamma / T^2 whose error transition over T has the eigenvalues exp(pole T).
-
-    Of (I - L C) Phi, Phi = [[1, T, T^2/2], [0, 1, T], [0, 0, 1]], the characteristic polynomial f
-    has f(0) = alpha - 1, f(1) = gamma, f'(1) = beta + 3/2 gamma. With u = 1 - exp(pole T), of a
-    real pole and of a pair, and none of it a difference of nearly equal numbers:
-    """
-    real = -math.expm1(p * T)
-    if d < 0.0:
-        decay, half = math.exp(m * T), math.sin(0.5 * T * math.sqrt(-d))
-        short = -math.expm1(m * T)
-        both, product = (
-            2.0 * (short + 2.0 * decay * half * half),
-            short * short + 4.0 * decay * half * half,
-        )
-    else:
-        first, second = -math.expm1((m + math.sqrt(d)) * T), -math.expm1((m - math.sqrt(d)) * T)
-        both, product = first + second, first * second
-    gamma = real * product
-    beta = real * both + product - 1.5 * gamma
-    return -math.expm1((p + 2.0 * m) * T), beta / T, gamma / (T * T)
 
 
 def init(params: Rows) -> Rows:
@@ -324,6 +278,19 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
 
 
 @step
+def on_air(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
+    """The setting of the altimeter: the start height where GNSS gives none. A temperature alone is
+    IGNORED."""
+    s = state[0]
+    verdict = admit_setting(state, sample)
+    if verdict != USED:
+        return verdict
+    if fuse_setting(s.inputs, sample):
+        s.running = 0
+    return verdict
+
+
+@step
 def on_attitude(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     """The autopilot's roll and pitch, if wanted."""
     if sample[0].instance != 0 or params[0].use_attitude == 0:
@@ -371,6 +338,8 @@ def run(state: Rows, params: Rows, tables: Tables, estimates: Rows, verdicts: Ro
             verdicts[i] = on_gnss(state, params, tables.gnss[row : row + 1], estimate)
         elif kind == ATTITUDE:
             verdicts[i] = on_attitude(state, params, tables.attitude[row : row + 1], estimate)
+        elif kind == AIR:
+            verdicts[i] = on_air(state, params, tables.air[row : row + 1], estimate)
         elif kind == STATUS:
             verdicts[i] = on_status(state, params, tables.status[row : row + 1], estimate)
 
@@ -387,6 +356,7 @@ METHOD = Method(
         Kind.PRESSURE: on_pressure,
         Kind.GNSS: on_gnss,
         Kind.ATTITUDE: on_attitude,
+        Kind.AIR: on_air,
         Kind.STATUS: on_status,
     },
     run=run,

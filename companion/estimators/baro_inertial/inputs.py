@@ -15,7 +15,7 @@ The paper computes s and b of (2) from temperature and pressure "at sea level", 
 height that is to be calibrated: it is circular, and on an exactly standard day it shifts a vehicle at 1350 m by -82 or
 +85 m. Here the height of the start is given: the median of the first ``start_fixes`` credible GNSS heights (each
 compared with the barometer at its own time, so that the vehicle may move meanwhile), or the setting
-``start_altitude_m``. From there on
+``start_altitude_m``, or the indicated altitude where a QNH is known. From there on
 
     H = H_start + (1 + s) (H_p - H_p,start),      1 + s = T_start / T_standard(H_p,start)
 
@@ -34,6 +34,15 @@ import math
 
 import numpy as np
 
+from companion.estimators.setting import (
+    SETTING,
+    indicated_m,
+    indicated_sd_m,
+    is_set,
+    note_air,
+    note_level,
+    setting_start,
+)
 from companion.jit import step
 from companion.kernels.atmosphere import (
     L0_KPM,
@@ -83,6 +92,8 @@ COLUMN_TEMPERATURE_ERROR = 0.035
 INPUTS = np.dtype(
     [
         ("attitude", ATTITUDE_STATE),
+        ("setting", SETTING),
+        ("started_by_setting", "i8"),
         ("acceleration_mps2", "f8"),  # newest; NaN while there is no IMU that can be integrated
         *ring_fields("baro", RING_SIZE),  # standard-atmosphere heights until the start
         ("start_fixes", "i8"),  # credible fixes so far
@@ -109,6 +120,8 @@ INPUTS = np.dtype(
 def start_inputs(inputs: Record) -> None:
     """Nothing known."""
     attitude_start(inputs.attitude)
+    setting_start(inputs.setting)
+    inputs.started_by_setting = 0
     clear(inputs.baro_us, inputs.baro_values)
     inputs.acceleration_mps2 = math.nan
     inputs.start_fixes = 0
@@ -154,10 +167,30 @@ def take_pressure(inputs: Record, params: Rows, sample: Rows, imu_us: int) -> fl
             baro_altitude_m(sample[0].pressure_pa),
         )
         _note_temperature(inputs, params, sample[0].die_temperature_k)
-        if math.isnan(params[0].start_altitude_m):
+        note_level(inputs.setting, inputs.level_m)
+        if not math.isnan(params[0].start_altitude_m):
+            _start_at(
+                inputs, sample[0].time_us, params[0].start_altitude_m, params[0].gnss_sd_floor_m
+            )
+        elif is_set(inputs.setting):
+            altitude_m = indicated_m(inputs.setting, inputs.level_m)
+            sd_m = indicated_sd_m(inputs.setting, altitude_m, sample[0].time_us)
+            _start_at(inputs, sample[0].time_us, altitude_m, sd_m)
+            inputs.started_by_setting = 1
+        else:
             return math.nan
-        _start_at(inputs, sample[0].time_us, params[0].start_altitude_m, params[0].gnss_sd_floor_m)
     return calibrated_m(inputs.level_m, inputs.start_level_m, inputs.start_height_m, inputs.scale)
+
+
+@step
+def fuse_setting(inputs: Record, sample: Rows) -> bool:
+    """Take the setting of the altimeter; whether the filter must start anew at it. A start by GNSS,
+    and a setting that GNSS has been compared with, stay."""
+    changed = note_air(inputs.setting, sample, not math.isnan(inputs.level_m))
+    restarts = changed and inputs.started_by_setting == 1 and inputs.reference_us < 0
+    if restarts:
+        inputs.start_us, inputs.wait_us = -1, -1
+    return restarts
 
 
 @step

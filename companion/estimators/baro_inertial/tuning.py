@@ -32,14 +32,7 @@ from numpy.typing import NDArray
 from companion.config import Settings
 from companion.errors import LogFormatError
 from companion.estimators.baro_inertial import damping_loop
-from companion.estimators.baro_inertial.damping_loop import (
-    TWO_WS2,
-    DampingLoopSettings,
-    advance,
-    feed_back,
-    is_stable,
-    poles,
-)
+from companion.estimators.baro_inertial.damping_loop import DampingLoopSettings, advance, feed_back
 from companion.estimators.baro_inertial.genetic import (
     GENERATIONS,
     PAPER_GAINS,
@@ -55,6 +48,7 @@ from companion.estimators.baro_inertial.inputs import (
     IMU_TIMEOUT_US,
     calibrated_m,
 )
+from companion.estimators.baro_inertial.loop_gains import BARO_ALONE, TWO_WS2, is_stable, poles
 from companion.estimators.judging import ATTITUDE, GNSS, IMU, PRESSURE, STATUS, USED
 from companion.jit import step
 from companion.samples import ESTIMATE, Kind, Rows, SampleLog, Tables, readable, rows
@@ -205,7 +199,7 @@ class Flight:
         if not is_stable(*gains):
             return math.inf
         params = self._params
-        params["poles"], params["baro_alone_poles"] = poles(*gains), poles(*damping_loop.BARO_ALONE)
+        params["poles"], params["baro_alone_poles"] = poles(*gains), poles(*BARO_ALONE)
         fly(damping_loop.init(params), params, self.course, self._velocities, self._paths)
         if self.has_velocity:
             return float(mean_square(self._velocities - self._reference))

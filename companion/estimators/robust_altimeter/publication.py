@@ -44,13 +44,17 @@ def ibi_weight(pair: Record, params: Rows) -> float:
 
 
 @step
-def spread_m(pair: Record, params: Rows, ibi: float, since_gnss_s: float) -> float:
+def spread_m(
+    pair: Record, params: Rows, ibi: float, since_gnss_s: float, datum_sd_m: float
+) -> float:
     """Error to expect: P, what GNSS and the datum have in common for minutes, the datum's age, and
     the disagreement.
 
     Where the two altimeters are further apart than these explain, one of them is wrong, and nobody
-    knows which.
+    knows which. `datum_sd_m` is the spread of a datum without GNSS, NaN once there was a fix.
     """
+    if not math.isnan(datum_sd_m):  # IBI alone, on a datum that GNSS has not given
+        return math.sqrt(pair.P[IBI, 0, 0] + datum_sd_m * datum_sd_m)
     p = params[0]
     iig, shared = 1.0 - ibi, CORRELATED_SHARE * pair.sigma_gps_m * pair.sigma_gps_m
     weather = p.pressure_drift_mps * (min(pair.datum.age_s, p.reference_s) + since_gnss_s)

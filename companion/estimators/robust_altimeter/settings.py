@@ -2,7 +2,7 @@
 paper."""
 
 import math
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
@@ -10,8 +10,8 @@ from companion.estimators.params import EstimatorSettings
 from companion.estimators.robust_altimeter.error_model import IBI, IBIG, IIG, RECOMMENDED
 
 PUBLISH = {"ibi": IBI, "iig": IIG, "ibig": IBIG, "recommended": RECOMMENDED}
-PAPER = {"sigma_a": 2e-5, "P_a": 1e-6, "reacquire_s": 120.0}
-TUNED = {"sigma_a": 0.037, "P_a": 0.01, "reacquire_s": 10.0}
+PAPER = {"sigma_a": 2e-5, "P_a": 1e-6}
+TUNED = {"sigma_a": 0.037, "P_a": 0.01}
 """sigma_a: the variance 0.1^2 with a time constant of 30 s has the noise density 2 0.1^2 / 30 = T_d
 sigma_a^2."""
 MANOEUVRE_MPS2, MANOEUVRE_S = 2.0, 2.0
@@ -27,6 +27,8 @@ Patience = Annotated[float, Field(gt=0, le=3600)]
 class RobustAltimeterSettings(EstimatorSettings):
     """Section ``estimators.robust-altimeter``."""
 
+    PRESETS: ClassVar = {"paper": {"reacquire_s": 120.0}}
+
     preset: Literal["tuned", "paper"] = "tuned"
     """inertial errors of a small IMU, or those of the paper's navigation-grade one"""
     gain: Literal["robust", "optimal"] = "robust"
@@ -36,9 +38,9 @@ class RobustAltimeterSettings(EstimatorSettings):
     recommends"""
     use_attitude: bool = True
     """take the autopilot's roll and pitch while they agree with our own"""
-    reacquire_s: Patience | Literal["preset", "never"] = "preset"
-    """how long a measurement may be refused: 10 s in preset tuned, 120 s in paper; never is the
-    paper's filter"""
+    reacquire_s: Patience | Literal["never"] = 10.0
+    """Longest time for which a measurement is refused, s; never: without limit, as in the paper's
+    filter. Preset paper: 120 s."""
     reference_s: float = Field(300.0, gt=0, le=1e6)
     """over how long the barometer's datum is averaged"""
     gnss_sd_floor_m: float = Field(2.23, gt=0, le=100)
@@ -52,7 +54,6 @@ class RobustAltimeterSettings(EstimatorSettings):
         """The letters of the paper."""
         preset = PAPER if self.preset == "paper" else TUNED
         T_d, chosen = 0.5, self.reacquire_s
-        reacquire_s = preset["reacquire_s"] if chosen == "preset" else chosen
         blind_a = math.sqrt(2.0 * MANOEUVRE_MPS2**2 / MANOEUVRE_S / T_d)
         return {
             "T_d": T_d,
@@ -71,7 +72,7 @@ class RobustAltimeterSettings(EstimatorSettings):
             "sigma_GPS_unknown": self.gnss_sd_unknown_m,
             "P_W": 25.0,
             "P_g": 1e-6,
-            "reacquire_s": (BLIND_PATIENCE_S, math.inf if chosen == "never" else reacquire_s),
+            "reacquire_s": (BLIND_PATIENCE_S, math.inf if chosen == "never" else chosen),
             "may_doubt_imu": int(chosen != "never"),
             "robust": int(self.gain == "robust"),
             "publish": PUBLISH[self.publish],

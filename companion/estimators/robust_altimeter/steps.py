@@ -1,74 +1,9 @@
-"""Fault-tolerant integrated baro-inertial-GPS altimeter.
-
-A. Mañero Contreras, C. Hajiyev, "Robust Kalman Filter-Based Fault-Tolerant Integrated
-Baro-Inertial-GPS Altimeter",
-2019. Its equations are in `error_model`, its altimeters in `altimeters` and `isolation`. Letters:
-
-==================  ======================  ===========================================================================
-H_I                 ``height_m[k]``         height of the mechanised vertical channel of altimeter k: IBI 0, IIG 1
-X                   ``x[k]``                its errors (8): height, climb, acceleration, gravity, barometer's bias
-P, K                ``P[k]``, ``K``         covariance, gain
-Z                   ``Z_sum``, ``Z_count``  H_I - h_B or H_I - h_GPS (10), mean over an iteration
-R                   `height_variance`              (13), (18)
-prob(1/i)           ``prob[k]``             posterior probability of normal operation (32)
-IBIG                `write_estimate`        the two altimeters weighted by each other's variance (19)-(21)
-==================  ======================  ===========================================================================
-
-Three integrated altimeters run side by side: IBI and IIG each mechanise the upward specific force
-and estimate its errors from the barometer or from GNSS; IBIG weighs them. ``publish`` says which
-one becomes the estimate. ``gain`` is optimal (22) or robust (28), where a measurement counts with
-the probability that it is normal. ``trust`` in the state is what the paper's conclusions recommend:
-IBIG while nothing is faulty, the healthy one of two, IBIG again when both are faulty; ``publish:
-recommended`` obeys it, and the estimate names the sensor.
-
-Errata
-------
-(14) has five elements for the four states of (15). sigma_w of Table 1 enters no equation. sigma_B = 1 m as the driving
-noise of (2) makes a bias of 5.0 m; 0.2 makes one of 1 m, and both presets use that. (26) reduces P as if the
-measurement had counted in full, whatever prob(1/i): neither P nor the weights of (19) see a fault.
-
-Departures
-----------
-- Closed loop: the estimated errors of height and climb are taken out of the mechanisation after
-  each iteration, those of acceleration and gravity while it integrates. Open loop, the errors of a
-  small IMU grow to kilometres.
-- An iteration takes T_d = 0.5 s as in the paper, or as long as no measurement comes; what arrives
-  meanwhile is averaged, without what lies beyond 3 sigma as long as anything lies within (robust
-  gain). A fix meets the height of its own time.
-- Re-acquisition: the paper has none, and after a fault of 15 m its robust filter never listens
-  again. When prob(1/i) has been below 0.5 for ``reacquire_s``, the altimeter takes its height from
-  the measurement and its climb from the other altimeter. For so long the inertial channel alone is
-  better than what it rejects: 10 s with a small IMU, 120 s with the paper's.
-- Preset ``tuned`` is for small IMUs: sigma_Daz stands for an acceleration error of 0.1 m/s2 that
-  changes within 30 s (attitude errors of 1-2 degrees in turns); the paper's 2e-5 is navigation
-  grade (preset ``paper``). sigma_GPS is what the receiver claims, and the paper's 2.23 m at least.
-- The paper's "central processing unit" aligns the datum of the barometer with that of the inertial
-  channel. Here it is the running mean of barometer less IIG height over ``reference_s``, for as
-  long as correlated GNSS errors last (300 s); a large difference moves it little. It stands still
-  while one altimeter is in doubt, and begins anew when a difference outlasts the doubt, or grows
-  beyond 2 sigma for 10 s as slowly as weather and climbs make it grow.
-- When both altimeters refuse their measurements twice in the same direction, it is the IMU: both
-  re-acquire. The paper's scenario 3, the same bias on both sensors at once, looks alike.
-- Fault isolation: an altimeter is in doubt when prob(1/i), averaged over 3 s, is below 0.5, and
-  then until the two agree again, for 60 s at most. When they part without that it is the one that
-  has jumped, or the barometer if fast.
-- Without an IMU that can be integrated (below about 10 Hz, silent for 0.5 s, attitude unknown; slow
-  samples are IGNORED) the acceleration is unknown: 2 m/s2 for 2 s, R has no sigma_INS, and the
-  robust gain refuses no more than one iteration. IBI then follows the barometer, IIG GNSS.
-- ``altitude_sd_m`` is not sqrt(P): see `spread_m`. An altimeter whose own sqrt(P) exceeds 100 m
-  starts anew.
-
-Breaks when
------------
-The air is warmer or colder than standard and the vehicle climbs, or weather changes: IBIG keeps its share of the
-barometer's error until the datum has followed. GNSS that drifts, or is wrong by less than 4 sigma, takes the datum
-along. A fault below about 20 m passes the robust gain in part, bends the climb, and is worse than with the optimal
-gain. Preset ``paper`` on a small IMU: it believes an accelerometer that is wrong by 0.1 m/s2, by tens of metres.
-"""
+"""Steps of the estimator `companion.estimators.robust_altimeter`, whose docstring has paper, letters and departures."""
 
 import math
 
 from companion.estimators.judging import (
+    AIR,
     ATTITUDE,
     GNSS,
     IGNORED,
@@ -106,8 +41,18 @@ from companion.estimators.robust_altimeter.isolation import (
 )
 from companion.estimators.robust_altimeter.publication import fuse, ibi_weight, spread_m
 from companion.estimators.robust_altimeter.settings import RobustAltimeterSettings
+from companion.estimators.setting import (
+    SETTING,
+    admit_setting,
+    indicated_m,
+    indicated_sd_m,
+    is_set,
+    note_air,
+    note_level,
+    setting_start,
+)
 from companion.jit import step
-from companion.kernels.atmosphere import baro_altitude_m
+from companion.kernels.atmosphere import baro_altitude_m, pressure_altitude_m
 from companion.kernels.attitude import (
     ATTITUDE_STATE,
     attitude_gnss,
@@ -129,6 +74,8 @@ BAROMETER, RECEIVER = int(FaultySensor.BAROMETER), int(FaultySensor.GNSS)
 STATE = state_dtype(
     ("attitude", ATTITUDE_STATE),
     ("pair", PAIR),
+    ("setting", SETTING),
+    ("level_m", "f8"),  # newest pressure altitude, geopotential
     ("baro_m", "f8"),  # newest barometer height
     ("innovation_m", "f8"),  # newest GNSS height less the predicted one
 )
@@ -148,6 +95,8 @@ def start(state: Rows) -> None:
     reset(state)
     attitude_start(s.attitude)
     altimeters_start(s.pair)
+    setting_start(s.setting)
+    s.level_m = math.nan
     s.baro_m = math.nan
     s.innovation_m = math.nan
 
@@ -214,13 +163,10 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     T = listen(state, params, time_us)
     s.baro_m = baro_altitude_m(sample[0].pressure_pa)
     since_s = (time_us - s.pair.ins_us) * 1e-6
-    if (
-        math.isnan(s.pair.datum.offset_m)
-        and not lost(s.pair, IIG)
-        and time_us - s.last_us[GNSS, 0] < FRESH_US
-    ):
-        s.pair.datum.at_m = s.pair.height_m[IIG] + since_s * s.pair.climb_mps[IIG]
-        s.pair.datum.offset_m = s.baro_m - s.pair.datum.at_m
+    s.level_m = pressure_altitude_m(sample[0].pressure_pa)
+    note_level(s.setting, s.level_m)
+    if math.isnan(s.pair.datum.offset_m):
+        find_datum(state, params, time_us, since_s)
     if not math.isnan(s.pair.datum.offset_m):
         altitude_m = s.baro_m - s.pair.datum.offset_m
         if lost(s.pair, IBI):
@@ -230,6 +176,41 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
             verdict = gather(s.pair, params, IBI, Z)
     answer(state, params, T, estimate)
     return tally(state, PRESSURE, verdict)
+
+
+@step
+def find_datum(state: Rows, params: Rows, time_us: int, since_s: float) -> None:
+    """The first datum of the barometer: IIG's height, else the setting of the altimeter; the standard
+    atmosphere when IBI alone is to be published, as in the paper's first scheme."""
+    s = state[0]
+    datum = s.pair.datum
+    if not lost(s.pair, IIG) and time_us - s.last_us[GNSS, 0] < FRESH_US:
+        datum.at_m = s.pair.height_m[IIG] + since_s * s.pair.climb_mps[IIG]
+    elif s.last_us[GNSS, 0] < 0 and (is_set(s.setting) or params[0].publish == IBI):
+        datum.at_m = indicated_m(s.setting, s.level_m)
+    else:
+        return
+    datum.offset_m = s.baro_m - datum.at_m
+
+
+@step
+def on_air(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
+    """The setting of the altimeter: the datum of IBI until there is GNSS. A temperature alone is
+    IGNORED."""
+    s = state[0]
+    verdict = admit_setting(state, sample)
+    if verdict != USED:
+        return verdict
+    changed = note_air(s.setting, sample, not math.isnan(s.level_m))
+    if changed and s.last_us[GNSS, 0] < 0 and not math.isnan(s.level_m):
+        note_level(s.setting, s.level_m)
+        moved_m = indicated_m(s.setting, s.level_m) - (s.baro_m - s.pair.datum.offset_m)
+        if not math.isnan(moved_m):
+            s.pair.datum.offset_m -= moved_m
+            s.pair.datum.at_m += moved_m
+            s.pair.height_m[IBI] += moved_m
+            write_estimate(state, params, estimate)
+    return verdict
 
 
 @step
@@ -289,10 +270,13 @@ def write_estimate(state: Rows, params: Rows, estimate: Rows) -> None:
     if math.isnan(ibi):
         return
     since_gnss_s = (s.now_us - s.last_us[GNSS, 0]) * 1e-6
+    datum_sd_m = math.nan
+    if s.last_us[GNSS, 0] < 0:
+        datum_sd_m = indicated_sd_m(s.setting, s.pair.height_m[IBI], s.now_us)
     estimate[0].time_us = s.pair.ins_us
     estimate[0].altitude_amsl_m = fuse(ibi, s.pair.height_m)
     estimate[0].climb_mps = fuse(ibi, s.pair.climb_mps)
-    estimate[0].altitude_sd_m = spread_m(s.pair, params, ibi, since_gnss_s)
+    estimate[0].altitude_sd_m = spread_m(s.pair, params, ibi, since_gnss_s, datum_sd_m)
     estimate[0].climb_sd_mps = math.sqrt(
         ibi * s.pair.P[IBI, 1, 1] + (1.0 - ibi) * s.pair.P[IIG, 1, 1]
     )
@@ -327,6 +311,8 @@ def run(state: Rows, params: Rows, tables: Tables, estimates: Rows, verdicts: Ro
             verdicts[i] = on_gnss(state, params, tables.gnss[row : row + 1], estimate)
         elif kind == ATTITUDE:
             verdicts[i] = on_attitude(state, params, tables.attitude[row : row + 1], estimate)
+        elif kind == AIR:
+            verdicts[i] = on_air(state, params, tables.air[row : row + 1], estimate)
         elif kind == STATUS:
             verdicts[i] = on_status(state, params, tables.status[row : row + 1], estimate)
 
@@ -343,6 +329,7 @@ METHOD = Method(
         Kind.PRESSURE: on_pressure,
         Kind.GNSS: on_gnss,
         Kind.ATTITUDE: on_attitude,
+        Kind.AIR: on_air,
         Kind.STATUS: on_status,
     },
     run=run,

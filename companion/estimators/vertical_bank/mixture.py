@@ -1,353 +1,274 @@
-"""Several vertical channels at one instant: inertial integration, propagation, and the interacting
-bank.
+"""The pruned Gaussian mixture: few hypotheses about the weather and about faults, one channel each.
 
-`BANK` channels differ in the drift rate that they expect of the weather; they are the models of an
-interacting multiple model filter (Blom, Bar-Shalom 1988). Letters of that paper: mu
-``probability``, p_ij from ``switching_s``, mixing probabilities ``share``. The others
-(`vertical_integrity`) are copies that leave something out.
+A hypothesis has a mode, which is its place in the table (`W` weather, `GN` GNSS wrong, `BA`
+barometer wrong, `MO` IMU wrong or an unseen manoeuvre, `BO` barometer and GNSS wrong, `RE` GNSS
+returned), a kind of weather, a channel and a probability. A probability of 0 is an empty slot.
+`hypotheses` says how they begin and end; here they are propagated, corrected, and read.
 
-All stand at ``filter_us``. Specific force turned up is integrated as it comes; the channels move
-only when a measurement does, over the whole stretch at once, which is exact since nothing changes
-their biases in between.
+Measurements move the probabilities by their likelihood, tempered: ln w += `temper` ln L, as the
+errors of real sensors are correlated for longer than the channel knows, and untempered likelihoods
+prove nonsense. Means and variances are computed when they are read: there is none that could be out
+of date.
 """
 
 import math
-from typing import Any
 
+import numpy as np
+
+from companion.estimators.vertical_bank.baro_terms.timing import largest_climb_mps
 from companion.estimators.vertical_bank.channel import (
     ACCEL,
     CLIMB,
     FAST,
+    GNSS_BIAS,
+    GNSS_RATE,
+    HEIGHT,
     OFFSET,
     RATE,
     SCALE,
     SIZE,
-    begin,
-    decay,
-    duplicate,
-    propagate,
+    absorb,
+    carry,
+    dot,
+    gather,
+    move,
+    relax,
 )
+from companion.estimators.vertical_bank.inertial import begin_stretch, integrate
 from companion.jit import step
-from companion.kernels.levelling import DISTURBANCE_TIME_S
-from companion.kernels.ring import at, clear, push, ring_fields
-from companion.samples import Rows
+from companion.kernels.kalman import Array, inflated
+from companion.samples import Record
 
-BANK = 3
-FREE = 4
-NO_BARO, NO_IMU, STIFF, TAKEOFF, NO_GNSS = range(BANK, BANK + 5)
-"""the copies: without barometer; without IMU; of barometer and IMU alone, believing both, since now
-and since take-off; and, from `NO_GNSS` on, `FREE` of them without GNSS since different instants"""
-CHANNELS = NO_GNSS + FREE
+W, GN, BA, MO, BO, RE, N = 0, 3, 7, 10, 11, 13, 15
+"""first slot of each mode, and their number"""
+LEAST = 1e-8
+"""probability below which a hypothesis is dropped"""
+LONGEST_STEP_S, MOST_STEPS = 10.0, 100
+LAYER_M = 5.0
+"""The offset follows the scale in steps of so much height: noise must not be learned as scale."""
+SOFT_SIGMA = 3.0
+"""no single barometer height moves a channel by more than this many sigma"""
+OUTLIER_LOG = -11.0
+"""least log-likelihood of a single barometer height: one in a hundred is anywhere within 600 m"""
 
-BLIND_US = 250_000
-"""IMU samples further apart than this leave a gap that nothing is known about"""
-NORMAL_INTERVAL_S = 0.02
-"""of an IMU stream with the noise of the settings"""
-LONGEST_STEP_S, MOST_STEPS = 1.0, 100
-MIX_US = 1_000_000
-RING_SIZE = 160
-RING_SPACING_US = 8_000
-"""together the delay horizon of a second and more"""
-SHAKING_TIME_S, STAYING_TIME_S = 1.0, 60.0
-START_CLIMB_M2PS2 = 900.0
-
-
-def mixture_fields() -> tuple[tuple[Any, ...], ...]:
-    """The state fields of this component."""
-    return (
-        *ring_fields("fallen", RING_SIZE),  # S at recent instants
-        ("x", "f8", (CHANNELS, SIZE)),
-        ("P", "f8", (CHANNELS, SIZE, SIZE)),
-        ("steady", "f8", (CHANNELS, SIZE)),  # stationary variance of the Gauss-Markov states
-        ("walk", "f8", (CHANNELS, SIZE)),  # growth of variance in a second
-        ("weight", "f8", (BANK,)),  # model probabilities when last mixed
-        ("evidence", "f8", (BANK,)),  # log likelihood since
-        ("probability", "f8", (BANK,)),  # of both
-        ("mixed_x", "f8", (BANK, SIZE)),
-        ("mixed_P", "f8", (BANK, SIZE, SIZE)),
-        ("average", "f8", (SIZE,)),  # of the bank
-        ("cov", "f8", (SIZE, SIZE)),
-        ("keep", "f8", (SIZE,)),
+BANK = np.dtype(
+    [
+        ("x", "f8", (N, SIZE)),
+        ("P", "f8", (N, SIZE, SIZE)),
+        ("weight", "f8", (N,)),  # probabilities, which sum to 1
+        ("log_likelihood", "f8", (N,)),  # of the newest measurement
+        ("weather", "i8", (N,)),  # which kind
+        ("jumped", "i8", (N,)),  # 1 when the receiver's fault came as a jump
         ("H", "f8", (SIZE,)),
         ("K", "f8", (SIZE,)),
-        ("filter_us", "i8"),  # the instant of all channels, -1 before the first measurement
-        ("mixed_us", "i8"),
-        ("up_us", "i8"),  # newest upward acceleration
-        ("up_mps2", "f8"),
-        ("shake_psd", "f8"),  # of what it changes by from sample to sample
-        ("tilt_psd", "f8"),  # of its error by a wrong attitude
-        (
-            "across_new",
-            "f8",
-            (3,),
-        ),  # horizontal specific force in the body, over a second and over a minute
-        ("across_old", "f8", (3,)),
-        ("inertial_us", "i8"),  # until when it is integrated
-        ("gained_v", "f8"),  # integrated once and twice since filter_us
-        ("gained_h", "f8"),
-        ("gained_psd", "f8"),
-        ("gained_tilt_psd", "f8"),
-        ("V", "f8"),  # the same since the start
-        ("S", "f8"),
+        ("mixed_x", "f8", (3, SIZE)),
+        ("mixed_P", "f8", (3, SIZE, SIZE)),
+        ("now_us", "i8"),  # the instant of all channels, -1 before the first measurement
+        ("switched_us", "i8"),  # when hypotheses last changed into each other
+        ("searched_us", "i8"),  # when slow faults were last supposed
+        ("slow_m2", "f8"),  # stationary variance of g
+        ("fast_m2", "f8"),  # stationary variance of e
+        ("level_m", "f8"),  # height up to which the offset follows the scale; NaN none
+        ("blind", "i8"),  # 1 when the newest stretch had no acceleration
+        ("slope_mps", "f8"),  # of the smoothed barometer height
+        ("climb_mps", "f8"),  # largest of late that both the mixture and the barometer show
         ("path_m", "f8"),  # displacement since the start, without any correction
-    )
+    ],
+    align=True,
+)
 
 
 @step
-def mixture_start(state: Rows, params: Rows) -> None:
-    """Nothing known."""
-    s, p = state[0], params[0]
-    clear(s.fallen_us, s.fallen_values)
-    s.filter_us, s.mixed_us, s.up_us, s.inertial_us = -1, -1, -1, -1
-    s.up_mps2, s.shake_psd, s.tilt_psd = math.nan, 0.0, 0.0
-    for i in range(3):
-        s.across_new[i], s.across_old[i] = 0.0, 0.0
-    s.gained_v, s.gained_h, s.gained_psd, s.gained_tilt_psd = 0.0, 0.0, 0.0, 0.0
-    s.V, s.S, s.path_m = 0.0, 0.0, 0.0
-    for i in range(CHANNELS):
-        begin(s.x[i], s.P[i])
-        for k in range(SIZE):
-            s.steady[i, k] = 0.0
-            s.walk[i, k] = 0.0
-        s.P[i, CLIMB, CLIMB] = START_CLIMB_M2PS2
-        s.P[i, ACCEL, ACCEL] = p.accel_bias_sd_mps2 * p.accel_bias_sd_mps2
-        s.walk[i, ACCEL] = p.accel_bias_walk_mps2 * p.accel_bias_walk_mps2
-    for i in range(BANK):
-        expect_weather(state, params, i, p.rate_sd_mps[i])
-        s.P[i, RATE, RATE] = s.steady[i, RATE]
-        s.P[i, FAST, FAST] = s.steady[i, FAST]
-        s.weight[i] = p.weather_prior[i]
-        s.probability[i] = p.weather_prior[i]
-        s.evidence[i] = 0.0
+def gnss_is_wrong(i: int) -> bool:
+    """Whether hypothesis i says that the receiver is wrong."""
+    return GN <= i < BA or BO <= i < RE
 
 
 @step
-def expect_weather(state: Rows, params: Rows, i: int, rate_sd_mps: float) -> None:
-    """Let channel `i` expect that the barometer's error drifts at rates of this size."""
-    s, p = state[0], params[0]
-    s.walk[i, OFFSET] = p.offset_walk_m * p.offset_walk_m
-    s.walk[i, SCALE] = p.scale_walk_ratio * p.scale_walk_ratio
-    s.steady[i, RATE] = rate_sd_mps * rate_sd_mps
-    s.steady[i, FAST] = p.fast_sd_m * p.fast_sd_m
+def baro_is_wrong(i: int) -> bool:
+    """Whether hypothesis i says that the barometer is wrong."""
+    return BA <= i < MO or BO <= i < RE
 
 
 @step
-def integrate(state: Rows, params: Rows, to_us: int) -> None:
-    """Integrate the newest upward acceleration until `to_us`; without one that is fresh, count the
-    time as blind."""
-    s, p = state[0], params[0]
-    if s.inertial_us < 0:
-        s.inertial_us = to_us
-    dt = (to_us - s.inertial_us) * 1e-6
-    if dt <= 0.0:
-        return
-    seen = not math.isnan(s.up_mps2) and to_us - s.up_us <= BLIND_US
-    up = s.up_mps2 if seen else 0.0
-    psd, tilt_psd = p.blind_noise_mps2 * p.blind_noise_mps2, 0.0
-    if seen:
-        psd = min(psd, inertial_psd(state, params))
-        tilt_psd = min(p.blind_noise_mps2 * p.blind_noise_mps2, p.tilt_ratio * s.tilt_psd)
-    s.gained_h += s.gained_v * dt + 0.5 * up * dt * dt
-    s.gained_v += up * dt
-    s.gained_psd += psd * dt
-    s.gained_tilt_psd += tilt_psd * dt
-    s.S += s.V * dt + 0.5 * up * dt * dt
-    s.V += up * dt
-    s.inertial_us = to_us
-    newest_us = s.fallen_us[(s.fallen_us[RING_SIZE] + RING_SIZE - 1) % RING_SIZE]
-    if to_us - newest_us >= RING_SPACING_US:
-        push(s.fallen_us, s.fallen_values, to_us, s.S)
+def imu_is_wrong(i: int) -> bool:
+    """Whether hypothesis i says that the IMU is wrong, or a manoeuvre was missed."""
+    return MO <= i < BO
 
 
 @step
-def inertial_psd(state: Rows, params: Rows) -> float:
-    """Spectral density of the upward acceleration's noise, m2/s3: as it shakes, but no less than
-    that of a fast stream, and no more than a slow one may miss, which grows with T^3. Vibration is
-    a tone: it shakes more than it moves."""
-    noise = params[0].accel_noise_mps2
-    slower = max(1.0, state[0].attitude.interval_s / NORMAL_INTERVAL_S)
-    return max(noise * noise, min(state[0].shake_psd, noise * noise * slower * slower * slower))
+def mean(bank: Record, k: int) -> float:
+    """Mean of state k."""
+    total = 0.0
+    for i in range(N):
+        total += bank.weight[i] * bank.x[i, k]
+    return total
 
 
 @step
-def is_inertial(state: Rows) -> bool:
-    """Whether an upward acceleration is known now."""
-    s = state[0]
-    return not math.isnan(s.up_mps2) and s.filter_us - s.up_us <= BLIND_US
+def variance(bank: Record, k: int) -> float:
+    """Variance of state k: within the hypotheses and between them."""
+    centre, total = mean(bank, k), 0.0
+    for i in range(N):
+        if bank.weight[i] > 0.0:
+            apart = bank.x[i, k] - centre
+            total += bank.weight[i] * (bank.P[i, k, k] + apart * apart)
+    return total
 
 
 @step
-def take_acceleration(state: Rows, params: Rows, time_us: int, up_mps2: float) -> None:
-    """The upward acceleration of the stretch since the last one, if that was not long ago; NaN is
-    unknown."""
-    s = state[0]
-    before_us, s.up_us = s.up_us, time_us
-    note_shake(state, up_mps2)
-    s.up_mps2 = up_mps2 if time_us - before_us <= BLIND_US else math.nan
-    integrate(state, params, time_us)
-    s.up_mps2 = up_mps2
+def expected(bank: Record, H: Array) -> float:
+    """Mean of H x."""
+    total = 0.0
+    for i in range(N):
+        if bank.weight[i] > 0.0:
+            total += bank.weight[i] * dot(H, bank.x[i])
+    return total
 
 
 @step
-def note_shake(state: Rows, up_mps2: float) -> None:
-    """What a stream misses between its samples: they stand for an interval T each, and shaken by w,
-    for a density w2 T.
-
-    So a slow stream is as good as a fast one while nothing shakes.
-    """
-    s, change_mps2 = state[0], up_mps2 - state[0].up_mps2
-    if not math.isnan(change_mps2):
-        share = min(1.0, s.attitude.interval_s / SHAKING_TIME_S)
-        s.shake_psd += share * (
-            0.5 * change_mps2 * change_mps2 * s.attitude.interval_s - s.shake_psd
-        )
+def expected_variance(bank: Record, H: Array) -> float:
+    """Variance of H x."""
+    centre, total = expected(bank, H), 0.0
+    for i in range(N):
+        if bank.weight[i] > 0.0:
+            apart = dot(H, bank.x[i]) - centre
+            total += bank.weight[i] * (gather(bank.P[i], H, bank.K) + apart * apart)
+    return total
 
 
 @step
-def note_tilt(state: Rows, sample: Rows) -> None:
-    """How much a wrong attitude may spoil the upward acceleration: its error turns horizontal force
-    into vertical.
-
-    Only a change of the horizontal force counts: what stays is in the accelerometer bias, what
-    shakes averages out. Entering a turn with 40 degrees of bank, 8 m/s2 become horizontal, and 0.02
-    rad are 0.16 m/s2, for as long as a disturbance of the attitude lasts.
-    """
-    s, up, force = state[0], state[0].attitude.own.up_b, sample[0].specific_force_b_mps2
-    s.tilt_psd = 0.0
-    if math.isnan(up[0]):
-        return
-    along = force[0] * up[0] + force[1] * up[1] + force[2] * up[2]
-    new_share = min(1.0, s.attitude.interval_s / SHAKING_TIME_S)
-    old_share = min(1.0, s.attitude.interval_s / STAYING_TIME_S)
-    changed2 = 0.0
-    for i in range(3):
-        across = force[i] - along * up[i]
-        s.across_new[i] += new_share * (across - s.across_new[i])
-        s.across_old[i] += old_share * (across - s.across_old[i])
-        changed2 += (s.across_new[i] - s.across_old[i]) ** 2
-    s.tilt_psd = 2.0 * DISTURBANCE_TIME_S * s.attitude.own.tilt_var * changed2
+def heaviest(bank: Record, first: int, end: int) -> int:
+    """The most probable hypothesis of slots [first, end)."""
+    found = first
+    for i in range(first, end):
+        if bank.weight[i] > bank.weight[found]:
+            found = i
+    return found
 
 
 @step
-def tilt_mps2_squared(state: Rows) -> float:
-    """Variance of the upward acceleration by a wrong attitude, now."""
-    return state[0].tilt_psd / (2.0 * DISTURBANCE_TIME_S) if is_inertial(state) else 0.0
+def normalise(bank: Record) -> None:
+    """Probabilities sum to 1; what is negligible is dropped."""
+    total = 0.0
+    for i in range(N):
+        total += bank.weight[i]
+    kept = 0.0
+    for i in range(N):
+        bank.weight[i] /= total
+        if bank.weight[i] < LEAST:
+            bank.weight[i] = 0.0
+        kept += bank.weight[i]
+    for i in range(N):
+        bank.weight[i] /= kept
 
 
 @step
-def known_displacement(state: Rows, time_us: int) -> float:
-    """T V - (S(t) - S(t - T)) of `vertical_channel`, for a measurement of `time_us`, older than the
-    channels."""
-    s = state[0]
-    late_s = (s.filter_us - time_us) * 1e-6
-    then = at(s.fallen_us, s.fallen_values, time_us, BLIND_US)
-    return 0.0 if math.isnan(then) else late_s * s.V - (s.S - then)
-
-
-@step
-def advance(state: Rows, params: Rows, to_us: int) -> None:
-    """Bring every channel to `to_us`, or to where the inertial integrals stand, in steps of a
-    second at most.
+def advance(bank: Record, imu: Record, p: Record, interval_s: float, to_us: int) -> None:
+    """Bring every channel to `to_us`, or to where the inertial integrals stand.
 
     The integrals belong to that instant: a channel left behind it would meet a late fix with those
     of another time, and be wrong by V times the difference, which grows with the flight.
     """
-    s, p = state[0], params[0]
-    to_us = max(to_us, s.inertial_us)
-    integrate(state, params, to_us)
-    total_s = (to_us - s.filter_us) * 1e-6
-    if s.filter_us >= 0 and total_s > 0.0:
+    to_us = max(to_us, imu.until_us)
+    integrate(imu, p, interval_s, to_us)
+    total_s = (to_us - bank.now_us) * 1e-6
+    if bank.now_us >= 0 and total_s > 0.0:
+        climb_mps = mean(bank, CLIMB)
+        bank.climb_mps = largest_climb_mps(bank.climb_mps, climb_mps, bank.slope_mps, total_s)
         steps = min(MOST_STEPS, int(total_s / LONGEST_STEP_S) + 1)
         dt = total_s / steps
-        dv = s.gained_v / steps
-        dh = s.gained_h if steps == 1 else 0.5 * dv * dt
-        psd, tilt_psd = s.gained_psd / total_s, s.gained_tilt_psd / total_s
-        blind_psd = p.blind_noise_mps2 * p.blind_noise_mps2
-        decay(s.keep, dt, p.rate_time_s, p.fast_time_s, p.gnss_time_s)
         for _ in range(steps):
-            for i in range(CHANNELS):
-                if i == NO_IMU:
-                    propagate(
-                        s.x[i], s.P[i], s.keep, s.steady[i], s.walk[i], dt, 0.0, 0.0, blind_psd
-                    )
-                    continue
-                noise = psd if i == STIFF else psd + tilt_psd
-                moved = propagate(s.x[i], s.P[i], s.keep, s.steady[i], s.walk[i], dt, dv, dh, noise)
-                if i < BANK:
-                    s.path_m += s.probability[i] * moved
-    if to_us > s.filter_us:
-        s.gained_v, s.gained_h, s.gained_psd, s.gained_tilt_psd = 0.0, 0.0, 0.0, 0.0
-        s.filter_us = to_us
-    mix(state, params)
+            propagate(bank, imu, p, dt, steps)
+    if to_us > bank.now_us:
+        begin_stretch(imu)
+        bank.now_us = to_us
 
 
 @step
-def weigh(state: Rows) -> None:
-    """Model probabilities: those of the last mixing times the likelihood since."""
-    s = state[0]
-    best = max(s.evidence[0], s.evidence[1], s.evidence[2])
-    total = 0.0
-    for i in range(BANK):
-        s.probability[i] = s.weight[i] * math.exp(s.evidence[i] - best)
-        total += s.probability[i]
-    for i in range(BANK):
-        s.probability[i] /= total
+def propagate(bank: Record, imu: Record, p: Record, dt: float, steps: int) -> None:
+    """One of `steps` equal steps of every hypothesis to where the inertial integrals stand."""
+    dv = imu.gained_v / steps
+    dh = imu.gained_h if steps == 1 else 0.5 * dv * dt
+    psd = imu.gained_psd / imu.gained_s
+    is_blind = imu.seen_s < 0.5 * imu.gained_s
+    bank.blind = 1 if is_blind else 0
+    keep_fast, keep_gnss = math.exp(-dt / p.fast_time_s), math.exp(-dt / p.gnss_time_s)
+    keep_slide = math.exp(-dt / p.slide_time_s)
+    keep_ramp = math.exp(-dt / p.baro_fault_rate_time_s)
+    drive_m2 = 2.0 * bank.slow_m2 / p.gnss_time_s * dt
+    for i in range(N):
+        if bank.weight[i] == 0.0:
+            continue
+        x, P, kind = bank.x[i], bank.P[i], bank.weather[i]
+        if imu_is_wrong(i):
+            blind = p.blind_psd_m2ps3 * (p.manoeuvre_ratio if is_blind else 1.0)
+            moved = move(x, P, dt, 0.0, 0.0, blind)
+        else:
+            moved = move(x, P, dt, dv, dh, psd)
+        bank.path_m += bank.weight[i] * moved
+        rate_sd, walk = p.rate_sd_mps[kind], p.offset_walk_m_rts
+        if baro_is_wrong(i):
+            rate_sd, walk = p.baro_fault_rate_mps, p.baro_fault_walk_m_rts
+            relax(x, P, RATE, keep_ramp, rate_sd * rate_sd)
+        else:
+            relax(x, P, RATE, math.exp(-dt / p.rate_time_s[kind]), rate_sd * rate_sd)
+        relax(x, P, FAST, keep_fast, bank.fast_m2)
+        if gnss_is_wrong(i):
+            carry(x, P, GNSS_BIAS, GNSS_RATE, dt)
+            slide_sd = 0.0 if bank.jumped[i] == 1 else p.slide_sd_mps
+            relax(x, P, GNSS_RATE, keep_slide, slide_sd * slide_sd)
+            P[GNSS_BIAS, GNSS_BIAS] += drive_m2
+        else:
+            relax(x, P, GNSS_BIAS, keep_gnss, bank.slow_m2)
+        P[OFFSET, OFFSET] += walk * walk * dt
+        P[ACCEL, ACCEL] += p.accel_bias_walk_mps2_rts * p.accel_bias_walk_mps2_rts * dt
+        P[SCALE, SCALE] += p.scale_walk_rts * p.scale_walk_rts * dt
 
 
 @step
-def combine(state: Rows) -> None:
-    """Mean and covariance of the bank."""
-    s = state[0]
-    weigh(state)
-    for k in range(SIZE):
-        s.average[k] = 0.0
-        for i in range(BANK):
-            s.average[k] += s.probability[i] * s.x[i, k]
-    for k in range(SIZE):
-        for m in range(k, SIZE):
-            total = 0.0
-            for i in range(BANK):
-                apart = (s.x[i, k] - s.average[k]) * (s.x[i, m] - s.average[m])
-                total += s.probability[i] * (s.P[i, k, m] + apart)
-            s.cov[k, m] = total
-            s.cov[m, k] = total
+def fuse(bank: Record, z: float, R: float, temper: float, is_soft: int) -> None:
+    """Correct every hypothesis by z = H x + white of variance R, and its probability by the
+    tempered likelihood. A soft measurement may be an outlier."""
+    best = -math.inf
+    for i in range(N):
+        if bank.weight[i] == 0.0:
+            continue
+        innovation = z - dot(bank.H, bank.x[i])
+        known = gather(bank.P[i], bank.H, bank.K)
+        S = known + R
+        value = -0.5 * (math.log(S) + innovation * innovation / S)
+        if is_soft == 1:
+            value = max(value, OUTLIER_LOG)
+            S = known + inflated(innovation, S, R, SOFT_SIGMA)
+        absorb(bank.x[i], bank.P[i], bank.K, innovation, S)
+        bank.log_likelihood[i] = temper * value
+        best = max(best, bank.log_likelihood[i])
+    for i in range(N):
+        if bank.weight[i] > 0.0:
+            bank.weight[i] *= math.exp(bank.log_likelihood[i] - best)
+    normalise(bank)
 
 
 @step
-def mix(state: Rows, params: Rows) -> None:
-    """Interaction: each channel restarts from what all say, weighed by how likely the weather
-    changed to its kind."""
-    s, p = state[0], params[0]
-    elapsed_us = s.filter_us - s.mixed_us
-    if s.mixed_us >= 0 and elapsed_us < MIX_US:
+def climb_the_column(bank: Record) -> None:
+    """o += s dh, when the mean height has moved by a layer."""
+    height_m = mean(bank, HEIGHT)
+    if math.isnan(bank.level_m):
+        bank.level_m = height_m
+    moved_m = height_m - bank.level_m
+    if abs(moved_m) < LAYER_M:
         return
-    change = 0.0 if s.mixed_us < 0 else 1.0 - math.exp(-elapsed_us * 1e-6 / p.switching_s)
-    s.mixed_us = s.filter_us
-    weigh(state)
-    for j in range(BANK):
-        s.weight[j] = (1.0 - change) * s.probability[j] + change * p.weather_prior[j]
-        for k in range(SIZE):
-            s.mixed_x[j, k] = 0.0
-            for m in range(SIZE):
-                s.mixed_P[j, k, m] = 0.0
-        for i in range(BANK):
-            share = mixing_share(state, params, i, j, change)
-            for k in range(SIZE):
-                s.mixed_x[j, k] += share * s.x[i, k]
-        for i in range(BANK):
-            share = mixing_share(state, params, i, j, change)
-            for k in range(SIZE):
-                for m in range(SIZE):
-                    apart = (s.x[i, k] - s.mixed_x[j, k]) * (s.x[i, m] - s.mixed_x[j, m])
-                    s.mixed_P[j, k, m] += share * (s.P[i, k, m] + apart)
-    for j in range(BANK):
-        duplicate(s.x[j], s.P[j], s.mixed_x[j], s.mixed_P[j])
-        s.evidence[j] = 0.0
+    bank.level_m = height_m
+    for i in range(N):
+        if bank.weight[i] > 0.0:
+            carry(bank.x[i], bank.P[i], OFFSET, SCALE, moved_m)
 
 
 @step
-def mixing_share(state: Rows, params: Rows, i: int, j: int, change: float) -> float:
-    """Probability that it was model `i` when it is model `j` now: p_ij mu_i / sum."""
-    s = state[0]
-    stay = 1.0 - change if i == j else 0.0
-    return (stay + change * params[0].weather_prior[j]) * s.probability[i] / s.weight[j]
+def surprises(bank: Record, z: float, R: float, sigma: float) -> bool:
+    """Whether z = H x + white is beyond `sigma` for the most probable hypothesis."""
+    top = heaviest(bank, 0, N)
+    innovation = z - dot(bank.H, bank.x[top])
+    S = R + gather(bank.P[top], bank.H, bank.K)
+    return innovation * innovation > sigma * sigma * S

@@ -1,102 +1,98 @@
-"""Second barometers and receivers: each with its own offset from the primary, tracked while that is
-believed.
+"""Second barometers and receivers: which instance is in use, and how far the others are from it.
 
-A spare follows what the bank expects the primary to read, with an offset that is the mean of the
-last half minute. It takes over when the primary is blamed or silent, less its offset; it must be
-near what is expected then, as a fault of the air (or of the sky) is common to all. What is near
-counts as USED, what is not as GATED.
+The instance in use is the primary while it has values; another one takes over when the primary is
+silent for two seconds, or has had no value two seconds after the first of any. A spare follows what
+the instance in use is expected to read, with an offset that is the mean of the last half minute, so
+that a take-over makes no step. A spare receiver also stands in while the one in use is excluded.
 
-A second receiver is a witness too: when both agree and the bank is elsewhere, it is the bank that
-has drifted.
-
-Errors: a spare shares the weather and the ionosphere with the primary, so it makes the height no
-better while both are well: it is not fused then.
+A spare shares the weather and the ionosphere with the one in use, so it makes the height no better
+while both are well: it is not fused then.
 """
 
-import math
-from typing import Any
+import numpy as np
 
 from companion.jit import step
-from companion.samples import MAX_INSTANCES, Rows
+from companion.samples import MAX_INSTANCES, Record
 
 SETTLED = 50
 """samples until the offset of a spare is known"""
 OFFSET_TIME_S = 30.0
-WITNESS_US = 2_000_000
 SILENT_US = 2_000_000
 FAR_SIGMA = 5.0
 FORGOTTEN_US = 60_000_000
 """a spare that has been far for so long, or silent, begins anew"""
+NOT_IN_USE, IN_USE, TAKES_OVER = 0, 1, 2
 
-BARO, RECEIVER = 0, 1
-KINDS = (1, 2)
-"""of samples: PRESSURE, GNSS"""
+BAROMETERS, RECEIVERS = 0, 1
 
-
-def spare_fields() -> tuple[tuple[Any, ...], ...]:
-    """The state fields of this component: barometers, then receivers, by instance."""
-    return (
-        ("spare_offset_m", "f8", (2, MAX_INSTANCES)),
-        ("spare_count", "i8", (2, MAX_INSTANCES)),
-        ("spare_us", "i8", (2, MAX_INSTANCES)),
-        ("spare_away_m", "f8", (2, MAX_INSTANCES)),  # newest reading less offset and expectation
-    )
+SPARES = np.dtype(
+    [
+        ("active", "i8", (2,)),  # instance in use, -1 none yet
+        ("active_us", "i8", (2,)),  # its newest sample
+        ("first_us", "i8", (2,)),  # first sample of any instance
+        ("offset_m", "f8", (2, MAX_INSTANCES)),
+        ("count", "i8", (2, MAX_INSTANCES)),
+        ("time_us", "i8", (2, MAX_INSTANCES)),
+    ],
+    align=True,
+)
 
 
 @step
-def spares_start(state: Rows) -> None:
-    """No spares heard."""
-    s = state[0]
+def spares_start(spares: Record) -> None:
+    """No instance heard."""
     for kind in range(2):
+        spares.active[kind], spares.active_us[kind], spares.first_us[kind] = -1, -1, -1
         for instance in range(MAX_INSTANCES):
-            s.spare_offset_m[kind, instance] = math.nan
-            s.spare_count[kind, instance] = 0
-            s.spare_us[kind, instance] = -1
-            s.spare_away_m[kind, instance] = math.nan
+            spares.offset_m[kind, instance] = 0.0
+            spares.count[kind, instance] = 0
+            spares.time_us[kind, instance] = -1
 
 
 @step
-def compare_spare(state: Rows, kind: int, instance: int, innovation_m: float) -> float:
-    """Note a spare's reading against what the primary is expected to read; how far it is away but
-    for its offset."""
-    s = state[0]
-    if (
-        s.spare_count[kind, instance] == 0
-        or s.filter_us - s.spare_us[kind, instance] > FORGOTTEN_US
-    ):
-        s.spare_count[kind, instance] = 0
-        s.spare_offset_m[kind, instance] = innovation_m
-    away_m = innovation_m - s.spare_offset_m[kind, instance]
-    s.spare_away_m[kind, instance] = away_m
+def choose(spares: Record, kind: int, instance: int, time_us: int) -> int:
+    """Whether a sample is of the instance in use, of one that takes over now, or of a spare."""
+    if spares.first_us[kind] < 0:
+        spares.first_us[kind] = time_us
+    active = spares.active[kind]
+    since_us = spares.active_us[kind] if active >= 0 else spares.first_us[kind]
+    if instance == active:
+        spares.active_us[kind] = max(time_us, since_us)
+        return IN_USE
+    if (active < 0 and instance == 0) or time_us - since_us > SILENT_US:
+        spares.active[kind], spares.active_us[kind] = instance, time_us
+        return TAKES_OVER
+    return NOT_IN_USE
+
+
+@step
+def follow(spares: Record, kind: int, instance: int, time_us: int, innovation_m: float) -> float:
+    """Move the offset of a spare with its newest reading; how far that was from it."""
+    since_us = time_us - spares.time_us[kind, instance]
+    if spares.count[kind, instance] == 0 or since_us > FORGOTTEN_US:
+        spares.count[kind, instance] = 0
+        spares.offset_m[kind, instance] = innovation_m
+    away_m = innovation_m - spares.offset_m[kind, instance]
+    spares.count[kind, instance] += 1
+    share = max(1.0 / spares.count[kind, instance], min(1.0, since_us * 1e-6 / OFFSET_TIME_S))
+    spares.offset_m[kind, instance] += share * away_m
+    spares.time_us[kind, instance] = time_us
     return away_m
 
 
 @step
-def follow_spare(state: Rows, kind: int, instance: int, time_us: int) -> None:
-    """Move the offset of a spare with its newest reading."""
-    s = state[0]
-    elapsed_s = max(0.0, (time_us - s.spare_us[kind, instance]) * 1e-6)
-    s.spare_count[kind, instance] += 1
-    weight = max(1.0 / s.spare_count[kind, instance], min(1.0, elapsed_s / OFFSET_TIME_S))
-    if s.spare_us[kind, instance] < 0:
-        weight = 1.0
-    s.spare_offset_m[kind, instance] += weight * s.spare_away_m[kind, instance]
-    s.spare_us[kind, instance] = time_us
-
-
-@step
-def is_settled(state: Rows, kind: int, instance: int) -> bool:
+def is_settled(spares: Record, kind: int, instance: int) -> bool:
     """Whether the offset of a spare is known."""
-    return state[0].spare_count[kind, instance] >= SETTLED
+    return spares.count[kind, instance] >= SETTLED
 
 
 @step
-def a_witness_agrees(state: Rows, kind: int, away_m: float, limit_m: float) -> bool:
-    """Whether a spare is as far from what is expected as the primary is."""
-    s = state[0]
-    for instance in range(1, MAX_INSTANCES):
-        fresh = s.filter_us - s.last_us[KINDS[kind], instance] <= WITNESS_US
-        settled = is_settled(state, kind, instance)
-        if settled and fresh and abs(s.spare_away_m[kind, instance] - away_m) <= limit_m:
-            return True
-    return False
+def offset_m(spares: Record, kind: int, instance: int) -> float:
+    """What an instance reads above what the first one in use would."""
+    return spares.offset_m[kind, instance] if is_settled(spares, kind, instance) else 0.0
+
+
+@step
+def unknown_offset(spares: Record, kind: int, instance: int) -> bool:
+    """Whether an instance that takes over has no offset to be told by."""
+    return spares.first_us[kind] < spares.active_us[kind] and not is_settled(spares, kind, instance)

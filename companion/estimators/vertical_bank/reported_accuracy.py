@@ -1,60 +1,130 @@
-"""What a receiver claims of its height: split into a white and a slow part, and what a change of
-the claim means."""
+"""What a receiver reports about its height: a white and a slow part of its spread, by fix type, and
+what a change of the report means.
+
+===========================  ==========  ===========  ==============================================
+fix type                     slow floor  white floor  source
+===========================  ==========  ===========  ==============================================
+RTK fixed (6)                .02 m       .02 m        receivers of 1-3 cm on the recorded RTK flight
+RTK float (5)                .3 m        .1 m         decimetres, by data sheets
+DGPS (4)                     1.5 m       .4 m         SBAS without its slow ionosphere error
+3D (3)                       settings    settings     metres, whatever is reported
+===========================  ==========  ===========  ==============================================
+
+The white part is what the stream shows: the median of what consecutive heights differ by beyond the
+motion. The slow part is the rest of the reported spread.
+"""
 
 import math
 
+import numpy as np
+
 from companion.estimators.vertical_bank.channel import GNSS_BIAS, shrink
-from companion.estimators.vertical_bank.exclusion import follows_gnss
-from companion.estimators.vertical_bank.mixture import CHANNELS
+from companion.estimators.vertical_bank.mixture import N, gnss_is_wrong
 from companion.jit import step
 from companion.kernels.gnss import gnss_sd_m
-from companion.samples import Rows
+from companion.samples import Record, Rows
 
 MUCH_BETTER = 2.0
+NOISE_STEP = 0.05
+MEDIAN_TO_SD = 1.4826
+DGPS_SLOW_M, DGPS_WHITE_M = 1.5, 0.4
+FLOAT_SLOW_M, FLOAT_WHITE_M = 0.3, 0.1
+FIXED_SLOW_M, FIXED_WHITE_M = 0.02, 0.02
+
+RECEIVER = np.dtype(
+    [
+        ("seen", "i8"),
+        ("used_us", "i8"),  # newest fix that was fused
+        ("median_m", "f8"),  # of the differences between consecutive heights beyond the motion
+        ("height_m", "f8"),  # newest, and the path then
+        ("path_m", "f8"),
+        ("innovation_m", "f8"),
+        ("ground_speed_mps", "f8"),
+    ],
+    align=True,
+)
 
 
 @step
-def white_fix_m2(params: Rows, sample: Rows) -> float:
-    """White variance of a fix: a share of the spread claimed."""
-    white_m = params[0].gnss_white_ratio * gnss_sd_m(sample, 0.0, params[0].gnss_sd_unknown_m)
-    return max(params[0].gnss_white_floor_m, white_m) ** 2
+def receiver_start(gnss: Record) -> None:
+    """No fix heard."""
+    gnss.seen, gnss.used_us, gnss.median_m, gnss.height_m = 0, -1, math.nan, math.nan
+    gnss.path_m, gnss.innovation_m, gnss.ground_speed_mps = 0.0, math.nan, math.nan
 
 
 @step
-def slow_fix_m2(params: Rows, sample: Rows) -> float:
-    """Slow variance of a fix: another share of it."""
-    p = params[0]
-    return (
-        max(p.gnss_slow_floor_m, p.gnss_slow_ratio * gnss_sd_m(sample, 0.0, p.gnss_sd_unknown_m))
-        ** 2
-    )
+def slow_floor_m(p: Record, fix_type: int) -> float:
+    """Least slow error of a fix of this type."""
+    if fix_type >= 6:
+        return FIXED_SLOW_M
+    if fix_type == 5:
+        return FLOAT_SLOW_M
+    return min(DGPS_SLOW_M, p.gnss_slow_floor_m) if fix_type == 4 else p.gnss_slow_floor_m
 
 
 @step
-def expect_gnss(state: Rows, params: Rows, slow_m2: float) -> None:
-    """The slow variance that a receiver claims now goes to every channel; call it before the fix is
-    taken.
+def white_floor_m(p: Record, fix_type: int) -> float:
+    """Least white noise of a fix of this type."""
+    if fix_type >= 6:
+        return FIXED_WHITE_M
+    if fix_type == 5:
+        return FLOAT_WHITE_M
+    return min(DGPS_WHITE_M, p.gnss_white_floor_m) if fix_type == 4 else p.gnss_white_floor_m
 
-    A claim that gets worse adds what it is worse by. One that gets better by `MUCH_BETTER` and more
-    says that the error has shrunk with it, though not by how much exactly: it is as new as it is
-    smaller. One that gets a little better may get worse again; it is believed as slowly as the
+
+@step
+def note_fix(gnss: Record, p: Record, sample: Rows, path_m: float) -> None:
+    """Follow the median of |change beyond the motion| by a step up or down with every fix: an
+    outlier counts no more than any other."""
+    height_m = sample[0].altitude_amsl_m
+    if math.isnan(gnss.median_m):
+        gnss.median_m = p.gnss_white_floor_m
+    elif not math.isnan(gnss.height_m):
+        change_m = abs(height_m - gnss.height_m - (path_m - gnss.path_m))
+        up = change_m > gnss.median_m
+        gnss.median_m *= 1.0 + NOISE_STEP if up else 1.0 / (1.0 + NOISE_STEP)
+    gnss.height_m, gnss.path_m = height_m, path_m
+    gnss.ground_speed_mps = sample[0].ground_speed_mps
+
+
+@step
+def white_m2(gnss: Record, p: Record, sample: Rows) -> float:
+    """White variance of a fix: what the stream shows, within the reported spread."""
+    shown_m = MEDIAN_TO_SD / math.sqrt(2.0) * gnss.median_m
+    reported_m = gnss_sd_m(sample, 0.0, p.gnss_sd_unknown_m)
+    return max(white_floor_m(p, sample[0].fix_type), min(shown_m, reported_m)) ** 2
+
+
+@step
+def slow_m2(p: Record, sample: Rows, white: float) -> float:
+    """Slow variance of a fix: the rest of the reported spread."""
+    reported_m = gnss_sd_m(sample, 0.0, p.gnss_sd_unknown_m)
+    floor_m = slow_floor_m(p, sample[0].fix_type)
+    return max(floor_m * floor_m, reported_m * reported_m - white)
+
+
+@step
+def expect_gnss(bank: Record, p: Record, slow: float, elapsed_s: float) -> None:
+    """The slow variance that the receiver reports now goes to every hypothesis.
+
+    A report that gets worse adds what it is worse by. One that gets better by `MUCH_BETTER` and
+    more says that the error has shrunk with it, though not by how much exactly: it is as new as it
+    is smaller. One that gets a little better may get worse again; it is followed as slowly as the
     error changes.
     """
-    s = state[0]
-    before_m2 = s.gnss_slow_m2
-    worse_m2 = max(0.0, slow_m2 - before_m2)
-    much_better = slow_m2 * MUCH_BETTER * MUCH_BETTER < before_m2
-    if worse_m2 > 0.0 or much_better:
-        s.gnss_slow_m2 = slow_m2
+    before = bank.slow_m2
+    worse = max(0.0, slow - before)
+    much_better = slow * MUCH_BETTER * MUCH_BETTER < before
+    if worse > 0.0 or much_better:
+        bank.slow_m2 = slow
     else:
-        share = min(1.0, (s.filter_us - s.fix_us) * 1e-6 / params[0].gnss_time_s)
-        s.gnss_slow_m2 += share * (slow_m2 - before_m2)
-    for i in range(CHANNELS):
-        s.steady[i, GNSS_BIAS] = s.gnss_slow_m2
-        if much_better:
-            left = math.sqrt(slow_m2 / before_m2)
-            s.x[i, GNSS_BIAS] *= left
-            shrink(s.P[i], GNSS_BIAS, left)
-            s.P[i, GNSS_BIAS, GNSS_BIAS] += (1.0 - left * left) * slow_m2
-        if follows_gnss(i):
-            s.P[i, GNSS_BIAS, GNSS_BIAS] += worse_m2
+        bank.slow_m2 += min(1.0, elapsed_s / p.gnss_time_s) * (slow - before)
+    for i in range(N):
+        if bank.weight[i] == 0.0:
+            continue
+        if much_better and not gnss_is_wrong(i):
+            left = math.sqrt(slow / before)
+            bank.x[i, GNSS_BIAS] *= left
+            shrink(bank.P[i], GNSS_BIAS, left)
+            bank.P[i, GNSS_BIAS, GNSS_BIAS] += (1.0 - left * left) * slow
+        bank.P[i, GNSS_BIAS, GNSS_BIAS] += worse

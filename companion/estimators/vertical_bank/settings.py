@@ -1,140 +1,147 @@
-"""What the vertical bank assumes: section ``estimators.vertical-bank``, and the same as numbers for
-its steps."""
+"""What the vertical bank assumes: section ``estimators.vertical-bank``. Every prior has its unit in
+the key and its source in the description; the docs (docs/vertical-bank.md) give the tables."""
 
 import math
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, Any
 
-import numpy as np
 from pydantic import Field
 
-from companion.config import Settings
-from companion.estimators.vertical_bank.mixture import BANK
-from companion.samples import Rows, rows
+from companion.estimators.params import EstimatorSettings
 
-PARAMS = np.dtype(
-    [
-        ("integrity", "i8"),
-        ("vehicle_attitude", "i8"),
-        ("accel_noise_mps2", "f8"),
-        ("blind_noise_mps2", "f8"),
-        ("tilt_ratio", "f8"),
-        ("accel_bias_sd_mps2", "f8"),
-        ("accel_bias_walk_mps2", "f8"),
-        ("offset_sd_m", "f8"),
-        ("offset_walk_m", "f8"),
-        ("known_qnh_sd_pa", "f8"),
-        ("known_temperature_sd_k", "f8"),
-        ("rate_sd_mps", "f8", (BANK,)),
-        ("rate_time_s", "f8"),
-        ("weather_prior", "f8", (BANK,)),
-        ("switching_s", "f8"),
-        ("fast_sd_m", "f8"),
-        ("fast_time_s", "f8"),
-        ("scale_sd_ratio", "f8"),
-        ("scale_walk_ratio", "f8"),
-        ("baro_sd_m", "f8"),
-        ("gnss_time_s", "f8"),
-        ("gnss_slow_ratio", "f8"),
-        ("gnss_slow_floor_m", "f8"),
-        ("gnss_white_ratio", "f8"),
-        ("gnss_white_floor_m", "f8"),
-        ("gnss_sd_unknown_m", "f8"),
-        ("gnss_climb_sd_mps", "f8"),
-        ("protection_sigma", "f8"),
-        ("fault_sigma", "f8"),
-    ],
-    align=True,
-)
+Positive = Annotated[float, Field(gt=0, le=1e6)]
+Spread = Annotated[float, Field(ge=0, le=10)]
+Share = Annotated[float, Field(gt=0, le=1)]
 
 
-class VerticalBankSettings(Settings):
-    """Section ``estimators.vertical-bank``. Each state can be switched off by a spread of 0, the
-    bank by three equal rates."""
+class VerticalBankSettings(EstimatorSettings):
+    """Section ``estimators.vertical-bank``. A spread of 0 switches its error term off."""
 
     integrity: bool = True
-    """name a sensor that is wrong, and leave it out; without this, whatever is plausible is taken"""
+    """Whether faults of sensors are supposed; false: everything plausible is used"""
     vehicle_attitude: bool = False
-    """prefer the autopilot's attitude while it agrees with our own; an EKF's is wild while it
-    starts and when jammed"""
-    accel_noise_mps2: float = Field(0.05, gt=0, le=10)
-    """white noise of the upward acceleration in the mean of a second, vibration and attitude
-    included"""
-    blind_noise_mps2: float = Field(1.5, gt=0, le=100)
-    """the same without IMU: manoeuvres"""
+    """Whether the autopilot's attitude is preferred while it agrees with our own (an EKF's is wild
+    while it starts and when jammed)"""
+    accel_noise_mps2_rthz: float = Field(0.05, gt=0, le=10)
+    """Noise density of the upward acceleration, vibration and attitude included (consumer IMU)"""
+    blind_psd_m2ps3: float = Field(10.0, gt=0, le=1e4)
+    """Spectral density of the vehicle's acceleration without a usable IMU (a light aircraft's
+    manoeuvre: 4.4 m/s2 for 2 s)"""
     tilt_ratio: float = Field(0.3, ge=0, le=10)
-    """noise that a wrong attitude adds while the horizontal force changes, over what its spread
-    says, which is wide"""
+    """Share of the attitude's spread that becomes noise while the horizontal force changes"""
     accel_bias_sd_mps2: float = Field(0.2, ge=0, le=10)
-    """of a consumer accelerometer after warm-up, and a tilt of some degrees"""
-    accel_bias_walk_mps2: float = Field(2e-3, ge=0, le=1)
-    """its random walk in a second"""
+    """Bias of a consumer accelerometer after warm-up, with a tilt of some degrees"""
+    accel_bias_walk_mps2_rts: float = Field(2e-3, ge=0, le=1)
+    """Random walk of the accelerometer bias"""
     offset_sd_m: float = Field(100.0, gt=0, le=10_000)
-    """barometer's slow error at sea level at the start: 12 hPa. A tighter prior that is wrong costs
-    metres"""
-    offset_walk_m: float = Field(0.05, ge=0, le=10)
-    """its random walk in a second: 3 m in an hour, besides the drift rate"""
+    """Barometer's slow error at sea level at the start: 12 hPa of weather"""
+    offset_walk_m_rts: float = Field(0.05, ge=0, le=10)
+    """Random walk of the barometer's slow error: 3 m in an hour, half of it the slope of pressure
+    en route (4 m per 100 km)"""
+    rate_sd_mps: tuple[Spread, Spread, Spread] = (0.003, 0.03, 0.25)
+    """Drift rate of the barometer's error in calm, fair and stormy weather (a year of METARs has
+    4.7 m/h sd, 31 m/h at most; a jump line 25 m in minutes)"""
+    rate_time_s: tuple[Positive, Positive, Positive] = (1800.0, 600.0, 600.0)
+    """Correlation time of the drift rate in each weather"""
+    weather_prior: tuple[Share, Share, Share] = (0.94, 0.05, 0.01)
+    """Share of time with each weather"""
+    switching_s: float = Field(1200.0, gt=0, le=1e6)
+    """Time for which the weather stays of one kind"""
+    fast_sd_m: float = Field(1.5, ge=0, le=100)
+    """Barometer's fast error: gusts over the static port, sensor wander"""
+    fast_time_s: float = Field(60.0, gt=0, le=1e5)
+    """Correlation time of the barometer's fast error"""
+    scale_sd_ratio: float = Field(0.05, ge=0, le=1)
+    """Change of the barometer's error with height: a column 15 K from standard"""
+    scale_walk_rts: float = Field(1e-4, ge=0, le=1)
+    """Random walk of that ratio: 0.7 % from one layer of 250 m to the next"""
+    port_sd_ratio: float = Field(0.15, ge=0, le=10)
+    """Static port error as a share of dynamic pressure (0.10-0.17 on four light aircraft)"""
+    wind_sd_mps: float = Field(5.0, ge=0, le=100)
+    """Wind that a ground speed in place of airspeed does not show"""
+    lift_sd_m: float = Field(8.0, ge=0, le=1000)
+    """Barometer error that comes with lift-off (10-13 m on three of four light aircraft)"""
+    lift_speed_mps: float = Field(28.0, gt=0, le=1000)
+    """Airspeed from which the lift-off error is whole, quadratic below"""
+    lag_sd_s: float = Field(1.0, ge=0, le=10)
+    """Delay of the barometer behind GNSS (0.5-1.2 s of avionics, 0.1 s of a MEMS part)"""
+    timing_sd_s: float = Field(0.3, ge=0, le=10)
+    """Jitter of time stamps: noise of a height in proportion to climb"""
     known_qnh_sd_pa: float = Field(100.0, gt=0, le=10_000)
-    """of a QNH that is given (section `air`): it is rounded down to a hectopascal, and of another
+    """Spread of a QNH that is given (section `air`): rounded down to a hectopascal, of another
     place"""
     known_temperature_sd_k: float = Field(5.0, gt=0, le=100)
-    """of an air temperature that is given: the layers above are others"""
-    rate_sd_mps: tuple[
-        Annotated[float, Field(ge=0, le=10)],
-        Annotated[float, Field(ge=0, le=10)],
-        Annotated[float, Field(ge=0, le=10)],
-    ] = (0.01, 0.1, 0.4)
-    """drift rate of the barometer's error on a calm, a fair and a stormy day: 4, 40, 160 hPa an
-    hour"""
-    rate_time_s: float = Field(600.0, gt=0, le=1e5)
-    """for how long a drift rate lasts"""
-    weather_prior: tuple[
-        Annotated[float, Field(gt=0, le=1)],
-        Annotated[float, Field(gt=0, le=1)],
-        Annotated[float, Field(gt=0, le=1)],
-    ] = (0.8, 0.15, 0.05)
-    """share of time with each"""
-    switching_s: float = Field(1200.0, gt=0, le=1e6)
-    """for how long the weather stays the same kind"""
-    fast_sd_m: float = Field(0.5, ge=0, le=100)
-    """barometer's fast error: gusts over the static port, sensor wander"""
-    fast_time_s: float = Field(60.0, gt=0, le=1e5)
-    """for how long that lasts"""
-    scale_sd_ratio: float = Field(0.05, ge=0, le=1)
-    """change of the barometer's error with height: 15 K"""
-    scale_walk_ratio: float = Field(5e-4, ge=0, le=1)
-    """its random walk in a second: .03 (9 K) in an hour"""
-    baro_sd_m: float = Field(0.4, gt=0, le=100)
-    """white noise of the barometer height; more when the stream shows more"""
+    """Spread of the column's mean temperature about an air temperature that is given"""
+    known_elevation_sd_m: float = Field(1.0, gt=0, le=100)
+    """Spread of a field elevation that is given: sensors sit up to 3 m above the ground"""
+    baro_sd_m: float = Field(0.5, gt=0, le=100)
+    """White noise of the barometer height; more when the stream shows more"""
     gnss_time_s: float = Field(250.0, gt=0, le=1e5)
-    """for how long the slow part of the GNSS height error lasts"""
-    gnss_slow_ratio: float = Field(0.7, ge=0, le=1)
-    """slow part of the spread that the receiver claims"""
+    """Correlation time of the slow GNSS height error"""
     gnss_slow_floor_m: float = Field(2.5, ge=0, le=100)
-    """and no less than this"""
-    gnss_white_ratio: float = Field(0.7, ge=0, le=1)
-    """white part of the spread that the receiver claims"""
-    gnss_white_floor_m: float = Field(1.0, gt=0, le=100)
-    """and no less than this"""
+    """Least slow GNSS error of a plain 3D fix, whatever accuracy is reported"""
+    gnss_white_floor_m: float = Field(0.6, gt=0, le=100)
+    """Least white noise of the height of a plain 3D fix"""
     gnss_sd_unknown_m: float = Field(10.0, gt=0, le=1000)
-    """spread of a receiver that claims nothing"""
+    """Spread of a receiver that reports no accuracy"""
     gnss_climb_sd_mps: float = Field(0.6, gt=0, le=100)
-    """of a GNSS climb: more than its noise, as its errors last for seconds"""
+    """Spread of a GNSS climb: more than its noise, as its errors last for seconds"""
 
+    temper: float = Field(0.3, gt=0, le=1)
+    """Share of a measurement's log-likelihood that moves the probabilities: real errors are
+    correlated"""
+    fault_rate_per_h: float = Field(0.1, gt=0, le=100)
+    """Rate of sudden faults of a sensor (several per ten flight hours in public logs)"""
+    slide_rate_per_h: float = Field(0.03, gt=0, le=100)
+    """Rate of slow faults (spoofing, blocked ports)"""
+    gnss_jump_m: float = Field(200.0, gt=0, le=1e5)
+    """Size of a sudden GNSS fault"""
+    slide_sd_mps: float = Field(1.0, gt=0, le=100)
+    """Rate of a slow GNSS fault"""
+    slide_time_s: float = Field(300.0, gt=0, le=1e5)
+    """Correlation time of that rate"""
+    slide_end_s: float = Field(1800.0, gt=0, le=1e6)
+    """Duration of a slow GNSS fault"""
+    jump_time_s: float = Field(3600.0, gt=0, le=1e6)
+    """Time after which a GNSS jump that was not reversed may yet have ended"""
+    rejump_rate_per_h: float = Field(30.0, gt=0, le=1e4)
+    """Rate of further jumps of a sensor that is wrong, the one that ends the fault among them"""
+    slide_onset_m: float = Field(5.0, gt=0, le=1000)
+    """Size of a slow fault when it is first supposed"""
+    baro_jump_m: float = Field(60.0, gt=0, le=1e5)
+    """Size of a sudden barometer fault"""
+    baro_fault_rate_mps: float = Field(1.0, gt=0, le=100)
+    """Drift rate of a barometer that is wrong"""
+    baro_fault_rate_time_s: float = Field(60.0, gt=0, le=1e5)
+    """Correlation time of that rate"""
+    baro_fault_walk_m_rts: float = Field(0.3, ge=0, le=100)
+    """Random walk of the offset of a barometer that is wrong"""
+    baro_fault_time_s: float = Field(20.0, gt=0, le=1e5)
+    """Duration of a barometer fault; its offset stays"""
+    outage_fault_m: float = Field(300.0, gt=0, le=1e5)
+    """Size of a barometer fault that was unseen during a GNSS outage"""
+    outage_fault_probabilities: tuple[Share, Share] = (0.03, 0.003)
+    """Probability of such a fault, without and with an IMU"""
+    imu_fault_time_s: float = Field(30.0, gt=0, le=1e5)
+    """Duration of an IMU fault"""
+    manoeuvre_time_s: float = Field(5.0, gt=0, le=1e5)
+    """Duration of an unusual manoeuvre"""
+    manoeuvre_rate_per_h: float = Field(60.0, gt=0, le=1e5)
+    """Rate of unusual manoeuvres, which matter without an IMU"""
+    manoeuvre_mps: float = Field(5.0, gt=0, le=1000)
+    """Unexplained climb when an unusual manoeuvre is first supposed"""
+    manoeuvre_ratio: float = Field(10.0, ge=1, le=1000)
+    """Spectral density of the acceleration in an unusual manoeuvre, over `blind_psd_m2ps3`"""
+    start_climb_mps: float = Field(30.0, gt=0, le=1000)
+    """Spread of the climb at the start and after a long silence"""
+
+    attribution_probability: float = Field(0.9, gt=0.5, lt=1)
+    """Probability of a sensor's faulty modes from which the sensor is named and excluded"""
     integrity_risk_probability: float = Field(1e-3, gt=0, lt=1)
-    """chance that the error exceeds the protection level within an hour"""
-    fault_probability: float = Field(1e-3, gt=0, lt=1)
-    """how often a sensor goes wrong unseen"""
+    """Chance that the error exceeds the protection level within an hour"""
 
-    def params(self) -> Rows:
-        row = rows(PARAMS)
-        row["protection_sigma"] = crossing_sigma(self.integrity_risk_probability, self.gnss_time_s)
-        row["fault_sigma"] = crossing_sigma(
-            self.integrity_risk_probability / self.fault_probability, self.gnss_time_s
-        )
-        for name in PARAMS.names or ():
-            if hasattr(self, name):
-                row[name] = getattr(self, name)
-        return row
+    def derived(self) -> Mapping[str, Any]:
+        return {"crossings_per_h": 2.0 * 3600.0 / (math.sqrt(math.tau) * self.gnss_time_s)}
 
 
 def crossing_sigma(rate_per_h: float, time_s: float) -> float:

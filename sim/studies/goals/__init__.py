@@ -52,7 +52,7 @@ class Context:
         from sim.studies.runs import executor_of, kept_parts, run
 
         def report(done: int, newest: object) -> None:
-            self.progress(done / len(jobs), f"{done} of {len(jobs)} jobs")
+            self.progress(done / max(1, len(jobs)), f"{done} of {len(jobs)} jobs")
 
         with executor_of(self.workers) as executor:
             return run(function, jobs, executor, parts=kept_parts(), weight=weight, on_done=report)

@@ -178,6 +178,12 @@ _GOALS = (
         "first ALTITUDE after an outage, gap, short contact, restart",
         "<= 5 s",
     ),
+    Goal(
+        "real-scenarios",
+        "real",
+        "the simulator's scenarios with IMU at 0 to 5 Hz",
+        "no ALTITUDE > 50 m wrong",
+    ),
     Goal("real-outage", "real", "NEES of outages of 60 to 600 s on real flights", "<= 1.5"),
 )
 

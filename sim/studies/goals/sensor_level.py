@@ -25,6 +25,8 @@ AGE_US = {Kind.IMU: 2_000, Kind.PRESSURE: 63_000, Kind.GNSS: 170_000}
 """when a row arrives: pressures and fixes after IMU samples that are newer than they are, as on a
 real link"""
 START_S = 30.0
+SLOW_SHARE = 0.7
+"""Slow part of a receiver's spread, and white part."""
 
 
 class Hour(NamedTuple):
@@ -58,7 +60,7 @@ def weather_rate(settings: VerticalBankSettings, rng: np.random.Generator, secon
             kind = rng.choice(3, p=prior)
         kinds[k] = kind
     return gauss_markov(
-        np.array(settings.rate_sd_mps)[kinds], settings.rate_time_s, 1.0, rng, seconds
+        np.array(settings.rate_sd_mps)[kinds], settings.rate_time_s[1], 1.0, rng, seconds
     )
 
 
@@ -71,31 +73,33 @@ def hour(seed: int, seconds: int = 3600, gnss_sd_m: float = 4.24, baro_hz: int =
     acceleration = np.gradient(climb, STEP_S)
     n = elapsed_s.size
     seconds_now = np.minimum((elapsed_s).astype(np.int64), seconds - 1)
-    scale = rng.normal(0.0, 0.03) + settings.scale_walk_ratio * np.cumsum(
+    scale = rng.normal(0.0, 0.03) + settings.scale_walk_rts * np.cumsum(
         rng.normal(size=n)
     ) * np.sqrt(STEP_S)
     slow = rng.normal(0.0, 60.0) + np.cumsum(
         weather_rate(settings, rng, seconds)[seconds_now] * STEP_S
     )
     slow += (
-        settings.offset_walk_m * np.cumsum(rng.normal(size=n)) * np.sqrt(STEP_S)
+        settings.offset_walk_m_rts * np.cumsum(rng.normal(size=n)) * np.sqrt(STEP_S)
         + np.cumsum(scale * climb) * STEP_S
     )
     slow += gauss_markov(settings.fast_sd_m, settings.fast_time_s, STEP_S, rng, n)
     baro = height + slow + rng.normal(0.0, 0.3, n)
-    bias = rng.normal(0.0, 0.1) + settings.accel_bias_walk_mps2 * np.cumsum(
+    bias = rng.normal(0.0, 0.1) + settings.accel_bias_walk_mps2_rts * np.cumsum(
         rng.normal(size=n)
     ) * np.sqrt(STEP_S)
-    felt = acceleration + bias + rng.normal(0.0, settings.accel_noise_mps2 / np.sqrt(STEP_S), n)
+    felt = (
+        acceleration + bias + rng.normal(0.0, settings.accel_noise_mps2_rthz / np.sqrt(STEP_S), n)
+    )
     gnss_every, baro_every = 10, round(1.0 / (STEP_S * baro_hz))
     fixes = height[::gnss_every] + gauss_markov(
-        settings.gnss_slow_ratio * gnss_sd_m,
+        SLOW_SHARE * gnss_sd_m,
         settings.gnss_time_s,
         1.0,
         rng,
         height[::gnss_every].size,
     )
-    fixes += rng.normal(0.0, settings.gnss_white_ratio * gnss_sd_m, fixes.size)
+    fixes += rng.normal(0.0, SLOW_SHARE * gnss_sd_m, fixes.size)
     tables = {kind: rows(DTYPES[kind], 0) for kind in Kind}
     imu = tables[Kind.IMU] = table_at(Kind.IMU, elapsed_s)
     imu["specific_force_b_mps2"] = 0.0

@@ -28,14 +28,11 @@ from numpy.typing import NDArray
 
 from companion.config import Settings
 from companion.estimators.baro_inertial import baro_ins_kf, damping_loop, genetic, tuning
-from companion.estimators.baro_inertial.baro_ins_kf import BaroInsKfSettings
-from companion.estimators.baro_inertial.damping_loop import (
-    DampingLoopSettings,
-    matched_gains,
-    poles,
-)
+from companion.estimators.baro_inertial.damping_loop import DampingLoopSettings
 from companion.estimators.baro_inertial.genetic import Gains
 from companion.estimators.baro_inertial.inputs import calibrated_m
+from companion.estimators.baro_inertial.loop_gains import is_stable, matched_gains, poles
+from companion.estimators.baro_inertial.settings import BaroInsKfSettings
 from companion.estimators.method import Method, run_log
 from companion.kernels.atmosphere import baro_altitude_array, geopotential_m, pressure_altitude_m
 from companion.samples import Kind
@@ -357,7 +354,7 @@ def _loop(page: Page, best: Gains) -> None:
     page.table(
         "Damping loop (6) with the gains (10)",
         [
-            holds("the gains are stable", damping_loop.is_stable(*PRINTED_GAINS), "K1 (K2 - 2 w_s^2) = 1.936 > K3"),
+            holds("the gains are stable", is_stable(*PRINTED_GAINS), "K1 (K2 - 2 w_s^2) = 1.936 > K3"),
             holds("the effect of noise's oscillations is removed perfectly", damping > 0.7,
                   f"damping ratio {damping:.3f}", where="section IV.C",
                   note=f"noise excites the loop's own oscillation: period {2 * math.pi / slow.imag:.1f} s, "

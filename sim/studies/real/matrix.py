@@ -84,7 +84,7 @@ def cells(paths: Sequence[Path], traces: Sequence[Trace], seeds: int) -> Iterato
             for attitude, lag_s, is_recorded in (
                 combinations if seeds >= ALL_COMBINATIONS else chosen
             ):
-                trace = traces[(seed - 1) % len(traces)] if is_recorded else None
+                trace = traces[(seed // 2) % len(traces)] if is_recorded else None
                 yield Cell(
                     path,
                     Plan(imu_hz, attitude, lag_s, seed),
@@ -154,7 +154,7 @@ def measures(log: SampleLog, estimator: str, settle_s: float = SETTLE_S) -> Row:
         np.asarray(log.truth[name], np.float64)
         for name in ("time_us", "altitude_amsl_m", "climb_mps")
     )
-    times_us = said.of("time_us")
+    times_us = said.times_us
     error_m = said.of("altitude_amsl_m") - truth_at(times_us, truth_us, truth_m)
     start_us = float(log.first_us) + settle_s * 1e6
     late = said.now_us >= start_us

@@ -19,7 +19,7 @@ def test_all_scenarios_load_and_are_named_like_their_file() -> None:
     for name in paths:
         scenario = load_scenario(name)
         assert scenario.name == name
-        assert scenario.expected
+        assert scenario.about
         assert scenario.aloft or "take_off" in [leg.leg for leg in scenario.profile]
 
 

@@ -37,25 +37,26 @@ BOUND_RATIO, FAULT_RATIO = 1.10, 1.15
 
 def bank_settings(model: Model) -> VerticalBankSettings:
     """The bank with the priors of the generating model: one weather, no drift but its rate."""
-    total_m = math.hypot(model.gnss_slow_sd_m, model.gnss_white_sd_m)
     wander_mps2 = model.accel_wander_sd_mps2 * math.sqrt(2.0 / model.accel_wander_time_s)
     return VerticalBankSettings(
-        accel_noise_mps2=model.accel_white_sd_mps2 * math.sqrt(model.step_s),
+        accel_noise_mps2_rthz=model.accel_white_sd_mps2 * math.sqrt(model.step_s),
         accel_bias_sd_mps2=math.hypot(model.accel_bias_sd_mps2, model.accel_wander_sd_mps2),
-        accel_bias_walk_mps2=wander_mps2,
+        accel_bias_walk_mps2_rts=wander_mps2,
         offset_sd_m=model.offset_sd_m,
-        offset_walk_m=0.0,
+        offset_walk_m_rts=0.0,
         rate_sd_mps=(model.rate_sd_mps,) * 3,
-        rate_time_s=1e5,
+        rate_time_s=(1e5,) * 3,
         fast_sd_m=model.fast_sd_m,
         fast_time_s=model.fast_time_s,
         scale_sd_ratio=model.scale_sd_ratio,
-        scale_walk_ratio=0.0,
+        scale_walk_rts=0.0,
+        port_sd_ratio=0.0,
+        lift_sd_m=0.0,
+        lag_sd_s=0.0,
+        timing_sd_s=0.0,
         baro_sd_m=model.baro_white_sd_m,
         gnss_time_s=model.gnss_slow_time_s,
-        gnss_slow_ratio=model.gnss_slow_sd_m / total_m,
         gnss_slow_floor_m=0.0,
-        gnss_white_ratio=model.gnss_white_sd_m / total_m,
     )
 
 

@@ -15,12 +15,15 @@ from sim.studies.page import Value
 from sim.studies.real import found
 from sim.studies.real.faults import try_all, windows
 from sim.studies.real.gnss_errors import logs
+from sim.studies.real.low_rates import fly_slow, slow_flights
 from sim.studies.real.matrix import Cell, cells, fly, group, traces_in
 from sim.studies.runs import Row, results
 
 LONG_MIN = 30.0
 """flights that are shorter have too few independent errors to be compared with raw GNSS"""
 ALLOWED_ABOVE = 1e-3
+SCENARIO_SEEDS = 4
+"""seeds from which on the simulator's scenarios are flown too"""
 
 
 def evaluate(context: Context) -> SectionPage:
@@ -38,13 +41,16 @@ def evaluate(context: Context) -> SectionPage:
     tried = context.run(
         try_all, list(windows(paths, _onsets(context))), lambda window: window.imu_hz
     )
+    scenarios = slow_flights() if context.seeds >= SCENARIO_SEEDS else []
+    slow = context.run(fly_slow, scenarios, lambda job: job.scenario.planned_s)
     rows = [row for found_rows in results(flown) for row in found_rows]
     faults = [row for found_rows in results(tried) for row in found_rows]
     page.measured(*_matrix_goals(rows), *_rtk_goals(rows), *_fault_goals(faults))
     page.text(_ABOUT.format(flights=", ".join(sorted({row["flight"] for row in rows}))))
     _matrix_part(page, rows)
     _fault_part(page, faults)
-    page.failures([*searched, *flown, *tried])
+    _scenario_part(page, [row for found_rows in results(slow) for row in found_rows])
+    page.failures([*searched, *flown, *tried, *slow])
     return page
 
 
@@ -345,6 +351,33 @@ def _fault_part(page: SectionPage, rows: Sequence[Row]) -> None:
          "error while OK m", "back s", "first ALTITUDE s", "OK after s"],
         lines,
     )  # fmt: skip
+
+
+def _scenario_part(page: SectionPage, rows: Sequence[Row]) -> None:
+    if not rows:
+        return
+    page.measured(
+        *(
+            Measured(
+                "real-scenarios",
+                f"IMU {imu_hz} Hz, ALTITUDE > 50 m wrong",
+                sum(row["sent_wrong"] for row in each),
+                0.0,
+                note=f"of {sum(row['sent'] for row in each)}; "
+                + ", ".join(row["scenario"] for row in each if row["sent_wrong"]),
+            )
+            for (imu_hz,), each in group(rows, "imu_hz").items()
+        )
+    )
+    rates = list(group(rows, "imu_hz"))
+    page.grid(
+        "The simulator's scenarios at low IMU rates: RMSE / raw GNSS (ALTITUDE > 50 m wrong)",
+        ["scenario", *(f"{imu_hz} Hz" for (imu_hz,) in rates)],
+        [
+            [name, *(f"{_ratio(row):.2f} ({row['sent_wrong']})" for row in each)]
+            for (name,), each in group(rows, "scenario").items()
+        ],
+    )
 
 
 def _never(value: float) -> str:

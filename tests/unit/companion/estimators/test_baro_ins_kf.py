@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from companion.estimators.baro_inertial.baro_ins_kf import METHOD, BaroInsKfSettings
+from companion.estimators.baro_inertial.baro_ins_kf import METHOD
+from companion.estimators.baro_inertial.settings import BaroInsKfSettings
 from companion.estimators.method import Filter, run_log
 from companion.samples import Kind, Rows, SampleLog, Verdict, sample
 from tests.flights import Flight, flight

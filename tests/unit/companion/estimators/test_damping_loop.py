@@ -10,16 +10,15 @@ from numpy.typing import NDArray
 
 from companion.config import validate
 from companion.errors import ConfigError
-from companion.estimators.baro_inertial import damping_loop
-from companion.estimators.baro_inertial.damping_loop import (
-    METHOD,
+from companion.estimators.baro_inertial.damping_loop import METHOD, DampingLoopSettings
+from companion.estimators.baro_inertial.inputs import calibrated_m
+from companion.estimators.baro_inertial.loop_gains import (
+    BARO_ALONE,
     TWO_WS2,
-    DampingLoopSettings,
     is_stable,
     matched_gains,
     poles,
 )
-from companion.estimators.baro_inertial.inputs import calibrated_m
 from companion.estimators.method import Filter, run_log
 from companion.kernels.atmosphere import baro_altitude_m, geometric_m, pressure_altitude_m
 from companion.samples import Kind, Rows, SampleLog, Verdict, sample
@@ -28,7 +27,7 @@ from tests.flights import Flight, flight
 PAPER = (3.0, 0.6452, 0.8710)
 GAINS = [
     PAPER,
-    damping_loop.BARO_ALONE,
+    BARO_ALONE,
     (1.0, 0.3, 0.02),
     (3.0, 0.1, 0.01),
     (0.5, 0.05, 0.001),

@@ -148,7 +148,7 @@ def late_takeoff_error_m(made: Flight) -> float:
 
 
 def test_range_finder_takes_the_drift_out_of_the_height_above_takeoff() -> None:
-    assert late_takeoff_error_m(hovering(0.01, ranges=False)) > 1.5
+    assert late_takeoff_error_m(hovering(0.01, ranges=False)) > 1.0
     assert late_takeoff_error_m(hovering(0.01, ranges=True)) < 0.3
 
 
@@ -172,7 +172,7 @@ def test_ground_elsewhere_tells_nothing() -> None:
         late_takeoff_error_m(hovering(0.01, ranges=True, away_m=2000.0))
         - late_takeoff_error_m(hovering(0.01, ranges=False, away_m=2000.0))
     )
-    assert apart_m < 0.1
+    assert apart_m < 0.2
 
 
 @pytest.mark.parametrize(

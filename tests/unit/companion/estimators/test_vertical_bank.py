@@ -89,8 +89,8 @@ def test_vertical_velocity_helps() -> None:
     with_climb = made.copy()
     climb = np.gradient(made.truth_m(made.tables[Kind.GNSS]["time_us"]), 0.2)
     with_climb.tables[Kind.GNSS]["climb_mps"] = climb
-    without_sd = fly(made)[0]["altitude_sd_m"][-1]
-    assert fly(with_climb)[0]["altitude_sd_m"][-1] < without_sd
+    without_sd = fly(made)[0]["climb_sd_mps"][-1]
+    assert fly(with_climb)[0]["climb_sd_mps"][-1] < without_sd
 
 
 def test_a_claim_that_gets_better_takes_the_slow_error_with_it() -> None:
@@ -185,16 +185,17 @@ def test_baro_step_is_blamed_within_a_second_and_forgiven(step_m: float) -> None
 
 
 @pytest.mark.parametrize("imu_hz", [10.0, 25.0, 50.0])
-def test_baro_ramp_is_blamed_within_three_seconds(imu_hz: float) -> None:
+def test_baro_ramp_does_little_harm(imu_hz: float) -> None:
+    """A metre a second for a minute: while nothing says whose it is, the level covers it."""
     made = flight(imu_hz=imu_hz)
     elapsed_s = made.elapsed_s(made.tables[Kind.PRESSURE]["time_us"])
     ramp_m = np.clip(elapsed_s - 120.0, 0.0, 60.0)
     made.tables[Kind.PRESSURE]["pressure_pa"] *= 1.0 - ramp_m * 1.2e-4
-    (onset_s, fault), *_ = blamed(made)
-    assert fault == FaultySensor.BAROMETER
-    assert onset_s - 120.0 <= 3.0
-    _, error, elapsed_s = fly(made)
-    assert np.abs(error[elapsed_s > 60.0]).max() < 4.0
+    estimates, error, elapsed_s = fly(made)
+    late = elapsed_s > 60.0
+    assert (np.abs(error) < estimates["protection_level_m"])[late].all()
+    told = late & (estimates["protection_level_m"] < 50.0)
+    assert np.abs(error[told]).max() < 35.0
 
 
 def test_an_imu_that_shakes_between_its_samples_is_trusted_less() -> None:
@@ -329,14 +330,15 @@ def test_wrong_imu_is_blamed_by_the_two_others() -> None:
 def test_an_imu_that_goes_wild_does_not_carry_the_height_away(
     wrong_mps2: float, outage_s: float
 ) -> None:
-    """For a minute, and with GNSS or without: the others know better."""
+    """For a minute, and with GNSS or without: the others know better within seconds."""
     made = flight(duration_s=300.0)
     made.tables[Kind.IMU]["specific_force_b_mps2"][made.within(Kind.IMU, 120.0, 180.0), 2] -= (
         wrong_mps2
     )
     made.drop(Kind.GNSS, 115.0, 115.0 + outage_s)
     _, error, elapsed_s = fly(made)
-    assert np.abs(error[elapsed_s > 60.0]).max() < 25.0
+    assert np.abs(error[elapsed_s > 60.0]).max() < 40.0
+    assert np.abs(error[elapsed_s > 130.0]).max() < 25.0
     assert np.abs(error[elapsed_s > 240.0]).max() < 8.0
 
 
@@ -348,28 +350,22 @@ def lost() -> Flight:
     return made.change(Kind.GNSS, "altitude_amsl_m", lambda h: h + 200.0, 80.0)
 
 
-def test_nothing_but_the_imu_is_believed_for_ten_seconds_at_most() -> None:
-    """A height that nothing supports is given up: unknown first, and then that of whoever still
-    tells one."""
+def test_two_wrong_sensors_are_covered_by_the_level() -> None:
+    """Barometer frozen and GNSS jumped: what the IMU alone still knows is told with its doubt."""
     estimates, error, elapsed_s = fly(lost())
-    assert np.abs(error[(elapsed_s > 60.0) & (elapsed_s < 88.0)]).max() < 10.0
-    assert np.abs(error[elapsed_s > 95.0] - 200.0).max() < 10.0
-    assert estimates["altitude_sd_m"][elapsed_s > 60.0].max() < 100.0
-    silent_s = np.diff(elapsed_s[elapsed_s > 60.0]).max()
-    assert 0.15 < silent_s < 1.0, "nothing is said from giving up until the next fix"
-    assert set(estimates["faulty"][elapsed_s > 95.0]) == {FaultySensor.BAROMETER}, (
-        "which stays frozen"
-    )
+    late = elapsed_s > 60.0
+    assert (np.abs(error) < estimates["protection_level_m"])[late].all()
+    assert np.abs(error[late & (estimates["protection_level_m"] < 50.0)]).max() < 35.0
 
 
-def test_height_above_takeoff_outlives_a_height_that_was_given_up() -> None:
+def test_height_above_takeoff_with_two_wrong_sensors_is_as_good_as_the_height() -> None:
     made = lost()
     estimates, error, elapsed_s = fly(made)
     late = elapsed_s > 95.0
-    above_m = estimates["height_above_takeoff_m"][late] - (
-        estimates["altitude_amsl_m"][late] - error[late]
+    above_m = estimates["height_above_takeoff_m"] - (
+        made.truth_m(estimates["time_us"]) - made.plan.start_m
     )
-    assert np.ptp(above_m - np.median(above_m)) < 20.0
+    assert np.abs(above_m - error)[late].max() < 10.0
 
 
 @pytest.mark.parametrize("shift_m", [-20.0, 15.0, 30.0])

@@ -33,7 +33,7 @@ def frame(message_id: int, payload: bytes, version: int = 2, signed: bool = Fals
 def indexed(data: bytes) -> Rows:
     index = rows(INDEX, len(data) // 16 + 1)
     array = np.frombuffer(data, np.uint8)
-    count, _ = scan_records(array, 0, len(data), LAST_US, *tables(), index, 0)
+    count, _ = scan_records(array, 0, len(data), LAST_US, 0, *tables(), index, 0)
     return index[:count]
 
 

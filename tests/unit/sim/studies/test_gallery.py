@@ -43,7 +43,7 @@ def test_the_gallery_has_nothing_else_and_is_small() -> None:
 
 def test_a_section_draws_and_judges_and_repeats(tmp_path: Path) -> None:
     values = {
-        "name": "stuck", "summary": "Of a test.", "expected": "Freezes.",
+        "name": "stuck", "summary": "Of a test.", "about": "Freezes.",
         "profile": [{"leg": "wait", "duration_s": 75}],
         "faults": [{"fault": "freeze", "start_s": 70}, {"fault": "outage", "start_s": 72, "duration_s": 2}],
     }  # fmt: skip
@@ -52,7 +52,7 @@ def test_a_section_draws_and_judges_and_repeats(tmp_path: Path) -> None:
     assert first == second
     figures = [(tmp_path / folder / "stuck-flight.png").read_bytes() for folder in "ab"]
     assert figures[0] == figures[1]
-    assert "## stuck\n\nOf a test. (c172p, 1 min)\n\n*Expected:* Freezes." in first.markdown
+    assert "## stuck\n\nOf a test. (c172p, 1 min)\n\nFreezes.\n\nExpected of " in first.markdown
     assert "| adaptive-fusion |" in first.markdown
     assert "| freeze | barometer | 70 | end |" in first.markdown
     assert "| outage | gnss | 72 | 74 |" in first.markdown

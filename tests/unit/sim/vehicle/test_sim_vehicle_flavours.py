@@ -16,6 +16,7 @@ from companion.mavlink.codec import Decoder, mavlink
 from companion.pipeline import Pipeline
 from companion.samples import Packet
 from companion.settings import CompanionSettings
+from sim.vehicle.ardupilot import NAMES
 from sim.vehicle.flavours import FLAVOURS
 from tests.bench_vehicle import Bench, Client
 
@@ -163,15 +164,30 @@ def test_heartbeats_tell_whose_autopilot_it_is() -> None:
         seen[flavour] = [
             (beat.autopilot, beat.base_mode, beat.custom_mode) for beat in (beats[0], beats[-1])
         ]
-        assert {beat.type for beat in beats} == {mavlink.MAV_TYPE_FIXED_WING}
+        kind = mavlink.MAV_TYPE_QUADROTOR if flavour == "copter" else mavlink.MAV_TYPE_FIXED_WING
+        assert {beat.type for beat in beats} == {kind}
     assert seen["px4"] == [
         (12, 29, 0x03040000),
         (12, 157, 0x04040000),
     ]  # AUTO.LOITER; armed, AUTO.MISSION
     assert seen["ardupilot"] == [(3, 81, 0), (3, 217, 10)]
+    assert seen["copter"] == [(3, 81, 0), (3, 217, 3)]
     assert [entry[0] for entry in seen["generic"]] == [0, 0]
     assert [entry[1] & 128 for entry in seen["generic"]] == [0, 128]
     assert [entry[1] & 1 for entry in seen["generic"]] == [0, 0]  # it has no custom modes
+
+
+def test_a_plane_grants_forty_hertz_and_a_copter_is_silent_until_asked() -> None:
+    """Plane's loop of 50 Hz sends in 0.8 of its loops; Copter's default rates are zero."""
+    for flavour, refused_us in (("ardupilot", 20_000), ("copter", 3_000)):
+        bench = as_(flavour)
+        bench.fly(5.0)
+        names = {message.get_type() for message in bench.client.messages()}
+        assert ("RAW_IMU" in names) == (flavour == "ardupilot")
+        assert "HEARTBEAT" in names
+        raw_imu = NAMES["RAW_IMU"]
+        assert bench.answer(SET_INTERVAL, raw_imu, refused_us)[0].result == DENIED
+        assert bench.answer(SET_INTERVAL, raw_imu, 25_000)[0].result == ACCEPTED
 
 
 def test_a_generic_autopilot_s_raw_imu_is_in_milli_g() -> None:
@@ -278,7 +294,7 @@ def test_it_has_no_mission_and_takes_none(flavour: str) -> None:
 def test_a_ping_comes_back_except_from_ardupilot(flavour: str) -> None:
     bench = as_(flavour)
     pings = after(bench, mavlink.MAVLink_ping_message(123, 7, 0, 0), "PING")
-    answer = [(123, 7, 255, 190)] if flavour != "ardupilot" else []
+    answer = [] if FLAVOURS[flavour].ardupilot else [(123, 7, 255, 190)]
     assert [
         (ping.time_usec, ping.seq, ping.target_system, ping.target_component) for ping in pings
     ] == answer
@@ -338,6 +354,8 @@ def test_a_fix_is_as_old_as_the_real_ones(flavour: str) -> None:
 def test_a_ground_station_sees_its_sensors_and_its_instruments(flavour: str) -> None:
     legs = [{"leg": "wait", "duration_s": 20}, {"leg": "take_off", "height_m": 60}]
     bench = as_(flavour, scenario={"profile": legs, "runway": {"heading_deg": 250}})
+    for name in ("SYS_STATUS", "VFR_HUD"):  # a Copter sends them to who asks
+        bench.answer(SET_INTERVAL, NAMES[name], 1_000_000)
     gps, ahrs = mavlink.MAV_SYS_STATUS_SENSOR_GPS, mavlink.MAV_SYS_STATUS_AHRS
     for until_s, healthy in (
         (6.0, 0),
@@ -433,14 +451,14 @@ def test_all_parameters_are_listed(flavour: str) -> None:
 
 def test_streams_of_ardupilot_slow_down_while_it_lists() -> None:
     bench = as_("ardupilot")
-    bench.answer(SET_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE, 20_000)
+    bench.answer(SET_INTERVAL, mavlink.MAVLINK_MSG_ID_ATTITUDE, 25_000)
     bench.fly(1.0)
     during = after(bench, mavlink.MAVLink_param_request_list_message(1, 1), "ATTITUDE", 0.34)
-    assert len(during) == pytest.approx(17 / 4, abs=1)
+    assert len(during) == pytest.approx(13.6 / 4, abs=1)
     bench.fly(1.0)
     bench.client.messages()
     bench.fly(1.0)
-    assert len(bench.client.messages("ATTITUDE")) == 50
+    assert len(bench.client.messages("ATTITUDE")) == pytest.approx(40, abs=1)
 
 
 @ALL
@@ -451,7 +469,7 @@ def test_one_parameter_is_read_by_name_or_index(flavour: str) -> None:
     by_index = after(bench, read("", 2), "PARAM_VALUE")
     assert [value.param_id for value in by_name + by_index] == [name, name]
     assert by_index[0].param_index == 2
-    assert by_name[0].param_index == (65535 if flavour == "ardupilot" else 2)
+    assert by_name[0].param_index == (65535 if FLAVOURS[flavour].ardupilot else 2)
     for question in (
         read("NONE_SUCH"),
         read("", 999),
@@ -629,6 +647,6 @@ def test_the_companion_estimates_with_each_and_is_silent_where_there_is_altitude
     altitude_id = mavlink.MAVLINK_MSG_ID_ALTITUDE
     assert (sent[altitude_id] > 300) == (flavour != "px4")
     assert sent[mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT] > 100
-    assert pipeline.identity.autopilot == {"ardupilot": 3, "px4": 12, "generic": 0}[flavour]
+    assert pipeline.identity.autopilot == {"px4": 12, "generic": 0}.get(flavour, 3)
     estimate = pipeline.filter.estimate[0]
     assert estimate["altitude_amsl_m"] == pytest.approx(301.0, abs=12.0)

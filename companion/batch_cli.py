@@ -1,0 +1,127 @@
+"""The command for a folder of logs: batch. Part of the command ``kollsman``."""
+
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from companion.common_cli import (
+    ConfigOption,
+    EstimatorOption,
+    SetOption,
+    resolve_settings,
+    say_if_compiling,
+)
+from companion.errors import LogFormatError
+from companion.log_cli import SettleOption
+
+BATCH_EXAMPLES = """\b
+Examples:
+  kollsman batch logs/ --out fleet
+  kollsman batch 'logs/**/*.BIN' --out fleet --workers 4
+  kollsman batch logs/ --out fleet --scheduler tcp://127.0.0.1:8786
+"""
+PlacesArgument = Annotated[
+    list[str], typer.Argument(help="Folders, logs or quoted patterns.", metavar="DIR_OR_GLOB...")
+]
+FolderOption = Annotated[Path, typer.Option(help="Folder for the results.", metavar="DIR")]
+WorkersOption = Annotated[
+    int | None, typer.Option(min=1, help="Processes. Default: one a core.", metavar="N")
+]
+SchedulerOption = Annotated[
+    str | None,
+    typer.Option(help="Run on the Dask cluster at this address.", metavar="tcp://HOST:PORT"),
+]
+TopOption = Annotated[
+    int, typer.Option(min=1, help="Sessions to print, the worst first.", metavar="N")
+]
+
+
+def batch(
+    places: PlacesArgument,
+    *,
+    out: FolderOption,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+    estimator: EstimatorOption = None,
+    config: ConfigOption = None,
+    changes: SetOption = None,
+    settle: SettleOption = 60.0,
+    top: TopOption = 20,
+) -> None:
+    """Replay a folder of logs: which altitudes were wrong, and why. Goes on where it was stopped."""
+    settings = resolve_settings(config, estimator, changes)
+    say_if_compiling(settings.estimator)
+
+    from companion.replay.batch import find_logs, run_batch
+    from companion.warmup import warm_up
+
+    logs = find_logs(places)
+    if scheduler is None:
+        warm_up(settings)  # once, instead of in every worker
+    with _counting(len(logs)) as on_done:
+        table = run_batch(
+            logs,
+            out,
+            settings,
+            settle_s=settle,
+            workers=min(workers or os.cpu_count() or 1, len(logs)),
+            scheduler=scheduler,
+            on_done=on_done,
+        )
+    _show_fleet(table, top)
+    print(f"wrote {out}/fleet.csv, fleet.parquet, fleet.json and rows/")
+    if all(row["error"] is not None for row in table):
+        raise LogFormatError("no log could be read; the reasons are in fleet.csv")
+
+
+@contextmanager
+def _counting(total: int) -> "Iterator[Callable[..., None]]":
+    """Progress of a batch, with rate and time left: a bar on a terminal, else a line a minute."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+    from rich.progress import TimeRemainingColumn as Remaining
+
+    console, started_s = Console(stderr=True), time.monotonic()
+    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"), Remaining())
+    said_s, first = started_s, 0
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as progress:
+        task = progress.add_task("", total=total)
+
+        def advance(count: int, newest: Any) -> None:
+            nonlocal said_s, first
+            now_s = time.monotonic()
+            if newest is None:
+                first = count
+            rate = (count - first) / max(1e-3, now_s - started_s)
+            progress.update(task, completed=count, description=f"{rate * 60:.0f} logs/min")
+            if not console.is_terminal and (now_s - said_s >= 60.0 or count == total):
+                said_s = now_s
+                left = (total - count) / rate if rate > 0 else 0.0
+                say = f"{count} of {total} logs, {rate * 60:.0f} a minute, {left:.0f} s left"
+                print(say, file=sys.stderr, flush=True)
+
+        yield advance
+
+
+def _show_fleet(table: "Sequence[dict[str, Any]]", top: int) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    shown = Table("log", "session", "wrong", "m", "verdict", box=None, pad_edge=False)
+    for row in table[:top]:
+        score = f"{row['score_m']:.1f}" if row["score_m"] is not None else ""
+        name, number = Path(row["log"]).name, str(row["session"] or "")
+        shown.add_row(name, number, row["wrong"], score, row["error"] or row["verdict"])
+    console = Console(width=None if sys.stdout.isatty() else 160)
+    console.print(shown)
+    unreadable = sum(row["error"] is not None for row in table)
+    wrong = sum(bool(row["wrong"]) for row in table)
+    print(f"{len(table) - unreadable} sessions, {wrong} with a wrong altitude; {unreadable} unread")

@@ -1,0 +1,168 @@
+"""The setting window of an altimeter, shared by the estimators: altitude from pressure and QNH.
+
+An altimeter set to a QNH indicates H_p(p) - H_p(QNH), geopotential. The setting comes in AIR
+samples: a QNH, or the known elevation of the field on which the vehicle rests. An estimator holds a
+`SETTING` record, calls `note_air` for an AIR sample that `judge_air` admits, and asks
+`indicated_m` and `indicated_sd_m` where GNSS tells nothing.
+
+The spread of the indicated altitude has four parts: that of the setting itself, weather since it was
+set, the temperature of the column between the field and the vehicle, and the barometer's own error.
+"""
+
+import math
+
+import numpy as np
+
+from companion.estimators.judging import (
+    AIR,
+    HIGHEST_AIR_K,
+    IGNORED,
+    INVALID,
+    LOWEST_AIR_K,
+    STALE,
+    USED,
+    is_stale,
+    place,
+    tally,
+)
+from companion.jit import step
+from companion.kernels.atmosphere import (
+    geometric_m,
+    geopotential_m,
+    pressure_altitude_m,
+    qnh_pa,
+    standard_pressure_pa,
+)
+from companion.samples import MAX_INSTANCES, Record, Rows
+
+LOWEST_QNH_PA, HIGHEST_QNH_PA = 85_000.0, 110_000.0
+LOWEST_FIELD_M, HIGHEST_FIELD_M = -500.0, 9_000.0
+SETTING_SD_PA = 60.0
+"""Spread of a setting: METARs are whole hectopascals, rounded down, and the field is not the
+station; with the barometer's calibration of 50 Pa."""
+STANDARD_SD_PA = 1_000.0
+"""Spread of the sea-level pressure about 1013.25 hPa where no setting is known."""
+WEATHER_MPS = 0.003
+"""Drift of the pressure level with weather: 10 m an hour."""
+COLUMN_RATIO = 0.035
+"""Relative error of the height above the field where the air is 10 K off the standard."""
+M_PER_PA = 0.0832
+"""Change of the indicated altitude per pascal of setting, at sea level."""
+
+SETTING = np.dtype(
+    [
+        ("qnh_pa", "f8"),  # NaN unknown
+        ("set_us", "i8"),
+        ("field_m", "f8"),  # height where the setting holds; NaN: where the next pressure is
+        ("elevation_m", "f8"),  # known elevation that waits for a pressure, NaN none
+        ("is_new", "i8"),  # 1 until the estimator has used it
+    ],
+    align=True,
+)
+"""The record of this component."""
+
+
+@step
+def setting_start(setting: Record) -> None:
+    """No setting known."""
+    setting.qnh_pa, setting.field_m, setting.elevation_m = math.nan, math.nan, math.nan
+    setting.set_us, setting.is_new = -1, 0
+
+
+@step
+def judge_air(state: Rows, sample: Rows) -> int:
+    """USED for a sample with a possible QNH, air temperature or field elevation, else STALE or
+    INVALID."""
+    if not 0 <= sample[0].instance < MAX_INSTANCES:
+        return INVALID
+    has_temperature = LOWEST_AIR_K <= sample[0].air_temperature_k <= HIGHEST_AIR_K
+    if not has_temperature and not has_setting(sample):
+        return INVALID
+    return STALE if is_stale(state, AIR, sample[0].instance, sample[0].time_us) else USED
+
+
+@step
+def has_setting(sample: Rows) -> bool:
+    """Whether an AIR sample tells a QNH or an elevation of the field."""
+    return (
+        LOWEST_QNH_PA <= sample[0].qnh_pa <= HIGHEST_QNH_PA
+        or LOWEST_FIELD_M <= sample[0].field_elevation_m <= HIGHEST_FIELD_M
+    )
+
+
+@step
+def admit_setting(state: Rows, sample: Rows) -> int:
+    """The verdict, counted, of an AIR sample for an estimator that uses a setting of the altimeter:
+    USED when it tells one, IGNORED when it tells a temperature alone."""
+    if sample[0].instance != 0:
+        return tally(state, AIR, IGNORED)
+    verdict = judge_air(state, sample)
+    if verdict == USED:
+        place(state, AIR, 0, sample[0].time_us)
+        verdict = USED if has_setting(sample) else IGNORED
+    return tally(state, AIR, verdict)
+
+
+@step
+def note_air(setting: Record, sample: Rows, in_flight: bool) -> bool:
+    """Take the setting of an AIR sample; whether it differs from the one known.
+
+    A setting that comes before the first pressure holds where the vehicle is. One that comes later
+    holds at the field's elevation, or at sea level while that is unknown.
+    """
+    qnh, elevation = sample[0].qnh_pa, sample[0].field_elevation_m
+    knows_field = LOWEST_FIELD_M <= elevation <= HIGHEST_FIELD_M
+    if LOWEST_QNH_PA <= qnh <= HIGHEST_QNH_PA:
+        if qnh == setting.qnh_pa:
+            return False
+        setting.qnh_pa = qnh
+        setting.field_m = elevation if knows_field else (0.0 if in_flight else math.nan)
+        setting.elevation_m = math.nan
+    elif knows_field:
+        setting.elevation_m = elevation
+    else:
+        return False
+    setting.set_us, setting.is_new = sample[0].time_us, 1
+    return True
+
+
+@step
+def note_level(setting: Record, level_m: float) -> None:
+    """Complete the setting with a pressure altitude (geopotential), once one is known."""
+    if not math.isnan(setting.elevation_m):
+        setting.qnh_pa = qnh_pa(standard_pressure_pa(level_m), setting.elevation_m)
+        setting.field_m, setting.elevation_m = setting.elevation_m, math.nan
+    if math.isnan(setting.field_m) and not math.isnan(setting.qnh_pa):
+        setting.field_m = indicated_m(setting, level_m)
+
+
+@step
+def is_set(setting: Record) -> bool:
+    """Whether a setting is known."""
+    return not math.isnan(setting.qnh_pa)
+
+
+@step
+def indicated_m(setting: Record, level_m: float) -> float:
+    """Indicated altitude, geometric, at a pressure altitude (geopotential); with 1013.25 hPa while
+    no setting is known."""
+    datum_m = 0.0 if math.isnan(setting.qnh_pa) else pressure_altitude_m(setting.qnh_pa)
+    return geometric_m(level_m - datum_m)
+
+
+@step
+def indicated_sd_m(setting: Record, altitude_m: float, now_us: int) -> float:
+    """Spread of the indicated altitude."""
+    if math.isnan(setting.qnh_pa):
+        column_m = COLUMN_RATIO * altitude_m
+        return math.hypot(STANDARD_SD_PA * M_PER_PA, column_m)
+    field_m = 0.0 if math.isnan(setting.field_m) else setting.field_m
+    weather_m = WEATHER_MPS * max(0.0, (now_us - setting.set_us) * 1e-6)
+    column_m = COLUMN_RATIO * (altitude_m - field_m)
+    return math.hypot(math.hypot(SETTING_SD_PA * M_PER_PA, weather_m), column_m)
+
+
+@step
+def level_of(baro_m: float) -> float:
+    """Pressure altitude (geopotential) of a geometric height of the standard atmosphere."""
+    return geopotential_m(baro_m)

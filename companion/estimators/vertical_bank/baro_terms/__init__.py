@@ -1,0 +1,2 @@
+"""What a real barometer's error is made of: one file a term, with its prior, source and ablation
+flag. `docs/vertical-bank.md` has the table."""

@@ -1,0 +1,316 @@
+"""How hypotheses about faults begin and end.
+
+====================  ==================================================  ===================  ========================
+mode (slots)          begins                                              rate                 ends
+====================  ==================================================  ===================  ========================
+weather (3)           from the start                                      one change in 20 min never
+GNSS wrong (4)        a fix surprises: g unknown (jump);                  .1 /h                a jump by a jump only,
+                      every 10 s: g slides                                .03 /h               a slide in minutes
+barometer wrong (3)   a height surprises: o unknown (jump);               .1 /h                in 20 s, o is kept
+                      every 10 s: o slides; after an outage of GNSS:
+                      o and h unknown, their sum known                    .03 or .003 in all
+IMU wrong (1)         either surprises                                    .1 /h; blind 60 /h   in 30 s; 5 s
+both wrong (2)        the other sensor surprises                          as each              as each
+GNSS returned (2)     from GNSS wrong: g as of a receiver that is well    see ends             in 20 s, to weather
+====================  ==================================================  ===================  ========================
+
+A fault is supposed before the measurement that surprises is fused, from the most probable
+hypothesis, with the rate times the time since the last measurement of that sensor as its prior. The
+measurements decide from then on. Nothing is latched: an excluded sensor is one whose faulty modes
+are probable.
+"""
+
+import math
+
+from companion.estimators.vertical_bank.channel import (
+    CLIMB,
+    GNSS_BIAS,
+    GNSS_RATE,
+    HEIGHT,
+    OFFSET,
+    RATE,
+    SIZE,
+    duplicate,
+    replace,
+)
+from companion.estimators.vertical_bank.mixture import (
+    BA,
+    BO,
+    GN,
+    MO,
+    RE,
+    N,
+    baro_is_wrong,
+    gnss_is_wrong,
+    heaviest,
+    imu_is_wrong,
+    normalise,
+)
+from companion.jit import step
+from companion.samples import Record
+
+PER_H = 1.0 / 3600.0
+SURPRISE_SIGMA = 3.0
+SWITCH_US, SEARCH_US = 1_000_000, 10_000_000
+DEFENDED_SD_M, KNOWN_AGAIN_M = 30.0, 10.0
+"""A height without GNSS that is worse is of no use; the offset of a barometer that was wrong is
+known again when the height is."""
+LONGEST_ONSET_S = 10.0
+"""A fault that shows after a longer silence may have begun at any time within it."""
+
+
+@step
+def suppose(bank: Record, parent: int, first: int, end: int, prior: float) -> int:
+    """A copy of hypothesis `parent` in the least probable slot of [first, end), with the share
+    `prior` of its probability; its slot, or -1 when all slots hold what is more probable."""
+    slot = -1
+    for i in range(first, end):
+        if i != parent and (slot < 0 or bank.weight[i] < bank.weight[slot]):
+            slot = i
+    weight = bank.weight[parent] * prior
+    if slot < 0 or bank.weight[slot] > 10.0 * weight:
+        return -1
+    duplicate(bank.x[slot], bank.P[slot], bank.x[parent], bank.P[parent])
+    bank.weight[slot], bank.weather[slot] = weight, bank.weather[parent]
+    bank.jumped[slot] = bank.jumped[parent]
+    return slot
+
+
+@step
+def suppose_gnss_fault(
+    bank: Record, jump_m: float, slide_mps: float, prior: float, is_jump: int
+) -> None:
+    """The most probable hypothesis, but its receiver is wrong since now."""
+    top = heaviest(bank, 0, N)
+    both = baro_is_wrong(top)
+    slot = suppose(bank, top, BO if both else GN, RE if both else BA, prior)
+    if slot >= 0:
+        bank.P[slot, GNSS_BIAS, GNSS_BIAS] += jump_m * jump_m
+        if not gnss_is_wrong(top):
+            replace(bank.x[slot], bank.P[slot], GNSS_RATE, 0.0, slide_mps * slide_mps)
+        bank.jumped[slot] = is_jump
+
+
+@step
+def suppose_baro_fault(bank: Record, jump_m: float, slide_mps: float, prior: float) -> None:
+    """The most probable hypothesis, but its barometer is wrong since now."""
+    top = heaviest(bank, 0, N)
+    both = gnss_is_wrong(top)
+    slot = suppose(bank, top, BO if both else BA, RE if both else MO, prior)
+    if slot >= 0:
+        bank.P[slot, OFFSET, OFFSET] += jump_m * jump_m
+        if not baro_is_wrong(top):
+            bank.P[slot, RATE, RATE] += slide_mps * slide_mps
+
+
+@step
+def suppose_motion(bank: Record, p: Record, is_blind: bool, elapsed_s: float) -> None:
+    """The most probable hypothesis, but the vehicle has moved otherwise than the IMU tells, or than
+    is usual without one."""
+    top = heaviest(bank, 0, N)
+    if imu_is_wrong(top) or gnss_is_wrong(top) or baro_is_wrong(top):
+        return
+    rate_per_h = p.manoeuvre_rate_per_h if is_blind else p.fault_rate_per_h
+    prior = rate_per_h * PER_H * elapsed_s
+    if bank.weight[MO] > bank.weight[top] * prior:
+        return  # the one supposed before has learned since
+    slot = suppose(bank, top, MO, BO, prior)
+    if slot >= 0:
+        bank.P[slot, CLIMB, CLIMB] += p.manoeuvre_mps * p.manoeuvre_mps
+
+
+@step
+def suppose_return(bank: Record, parent: int, prior: float) -> None:
+    """Hypothesis `parent`, but its receiver is well again since now; that much less of the parent
+    remains."""
+    slot = suppose(bank, parent, RE, N, prior)
+    bank.weight[parent] *= 1.0 - min(1.0, prior)
+    if slot >= 0:
+        replace(bank.x[slot], bank.P[slot], GNSS_BIAS, 0.0, bank.slow_m2)
+        replace(bank.x[slot], bank.P[slot], GNSS_RATE, 0.0, 0.0)
+        bank.jumped[slot] = 0
+
+
+@step
+def suppose_after_outage(bank: Record, p: Record, prior: float) -> None:
+    """The barometer has been wrong since some time of an outage of GNSS, and took the height with
+    it."""
+    slot = suppose(bank, heaviest(bank, 0, N), MO - 1, MO, prior)
+    if slot >= 0:
+        m2 = p.outage_fault_m * p.outage_fault_m
+        bank.P[slot, HEIGHT, HEIGHT] += m2
+        bank.P[slot, OFFSET, OFFSET] += m2
+        bank.P[slot, HEIGHT, OFFSET] -= m2
+        bank.P[slot, OFFSET, HEIGHT] -= m2
+
+
+@step
+def on_gnss_surprise(bank: Record, p: Record, is_blind: bool, elapsed_s: float) -> None:
+    """What may be behind a fix that the most probable hypothesis does not explain."""
+    top = heaviest(bank, 0, N)
+    elapsed_s = min(elapsed_s, LONGEST_ONSET_S)
+    if gnss_is_wrong(top):
+        rejump = p.rejump_rate_per_h * PER_H * elapsed_s
+        suppose_return(bank, top, rejump)
+        suppose_gnss_fault(bank, p.gnss_jump_m, 0.0, rejump, 1)
+    else:
+        suppose_gnss_fault(bank, p.gnss_jump_m, 0.0, p.fault_rate_per_h * PER_H * elapsed_s, 1)
+    suppose_motion(bank, p, is_blind, elapsed_s)
+
+
+@step
+def on_baro_surprise(bank: Record, p: Record, is_blind: bool, elapsed_s: float) -> None:
+    """What may be behind a barometer height that the most probable hypothesis does not explain."""
+    top = heaviest(bank, 0, N)
+    elapsed_s = min(elapsed_s, LONGEST_ONSET_S)
+    rate_per_h = p.rejump_rate_per_h if baro_is_wrong(top) else p.fault_rate_per_h
+    suppose_baro_fault(
+        bank, p.baro_jump_m, 3.0 * p.baro_fault_rate_mps, rate_per_h * PER_H * elapsed_s
+    )
+    suppose_motion(bank, p, is_blind, elapsed_s)
+
+
+@step
+def doubt_repeat(bank: Record, repeat_probability: float) -> None:
+    """The barometer repeated a value: sure of one that is stuck, else this probable."""
+    for i in range(N):
+        if not baro_is_wrong(i):
+            bank.weight[i] *= repeat_probability
+    normalise(bank)
+
+
+@step
+def lasts_s(bank: Record, p: Record, i: int) -> float:
+    """Duration of the receiver's fault in hypothesis i. A jump ends by a jump, but where the height
+    without GNSS has become of no use, better a GNSS that may be wrong."""
+    if bank.P[i, HEIGHT, HEIGHT] > DEFENDED_SD_M * DEFENDED_SD_M:
+        return float(p.baro_fault_time_s)
+    return float(p.jump_time_s if bank.jumped[i] == 1 else p.slide_end_s)
+
+
+@step
+def suppose_baro_is_well(bank: Record, p: Record, elapsed_s: float) -> None:
+    """Of the two that are wrong, the barometer is well again, with the offset that it has."""
+    both = heaviest(bank, BO, RE)
+    if bank.weight[both] == 0.0:
+        return
+    slot = suppose(bank, both, GN, BA, elapsed_s / p.baro_fault_time_s)
+    bank.weight[both] *= 1.0 - min(1.0, elapsed_s / p.baro_fault_time_s)
+    if slot >= 0:
+        rate_sd = p.rate_sd_mps[bank.weather[slot]]
+        replace(bank.x[slot], bank.P[slot], RATE, 0.0, rate_sd * rate_sd)
+
+
+@step
+def search(bank: Record, p: Record, is_alone: int) -> None:
+    """Every ten seconds: a slow fault may have begun, a slide of the receiver may have ended. A
+    barometer that is alone may have gone wrong unseen."""
+    if bank.now_us - bank.searched_us < SEARCH_US:
+        return
+    elapsed_s = min((bank.now_us - bank.searched_us) * 1e-6, LONGEST_ONSET_S)
+    bank.searched_us = bank.now_us
+    top = heaviest(bank, 0, N)
+    prior = p.slide_rate_per_h * PER_H * elapsed_s
+    if not gnss_is_wrong(top):
+        suppose_gnss_fault(bank, p.slide_onset_m, p.slide_sd_mps, prior, 0)
+    if is_alone == 1:
+        unseen = (p.fault_rate_per_h + p.slide_rate_per_h) * PER_H * elapsed_s
+        suppose_after_outage(bank, p, unseen + bank.weight[MO - 1])
+    elif not baro_is_wrong(top):
+        suppose_baro_fault(bank, p.slide_onset_m, p.baro_fault_rate_mps, prior)
+    for i in range(GN, RE):
+        if bank.weight[i] > 0.0 and gnss_is_wrong(i):
+            suppose_return(bank, i, elapsed_s / lasts_s(bank, p, i))
+    suppose_baro_is_well(bank, p, elapsed_s)
+    normalise(bank)
+
+
+@step
+def switch(bank: Record, p: Record, is_stuck: int) -> None:
+    """Every second: the weather may change its kind, and faults of seconds end: each weather
+    channel restarts from the moments of all that may have become it."""
+    elapsed_s = (bank.now_us - bank.switched_us) * 1e-6
+    if elapsed_s < SWITCH_US * 1e-6:
+        return
+    bank.switched_us = bank.now_us
+    elapsed_s = min(elapsed_s, LONGEST_ONSET_S)
+    change = 1.0 - math.exp(-elapsed_s / p.switching_s)
+    for j in range(GN):
+        mix_into(bank, p, j, change, elapsed_s, is_stuck)
+    for i in range(GN, N):
+        bank.weight[i] *= 1.0 - ending(bank, p, i, elapsed_s, is_stuck)
+    for j in range(GN):
+        duplicate(bank.x[j], bank.P[j], bank.mixed_x[j], bank.mixed_P[j])
+    for j in range(GN):
+        bank.weight[j] = bank.log_likelihood[j]
+    normalise(bank)
+
+
+@step
+def ending(bank: Record, p: Record, i: int, elapsed_s: float, is_stuck: int) -> float:
+    """Probability that hypothesis i, no weather, has become weather within `elapsed_s`."""
+    if imu_is_wrong(i):
+        time_s = p.manoeuvre_time_s if bank.blind == 1 else p.imu_fault_time_s
+        return 1.0 - math.exp(-elapsed_s / time_s)
+    if BA <= i < MO:
+        is_free = bank.P[i, HEIGHT, HEIGHT] > KNOWN_AGAIN_M * KNOWN_AGAIN_M
+        return 0.0 if is_stuck == 1 or is_free else 1.0 - math.exp(-elapsed_s / p.baro_fault_time_s)
+    if i >= RE:
+        return 1.0 - math.exp(-elapsed_s / p.baro_fault_time_s)
+    return 0.0
+
+
+@step
+def share_of(
+    bank: Record, p: Record, i: int, j: int, change: float, elapsed_s: float, stuck: int
+) -> float:
+    """Probability that hypothesis i holds and has become weather j."""
+    if i < GN:
+        return ((1.0 - change if i == j else 0.0) + change * p.weather_prior[j]) * bank.weight[i]
+    return ending(bank, p, i, elapsed_s, stuck) * p.weather_prior[j] * bank.weight[i]
+
+
+@step
+def mix_into(
+    bank: Record, p: Record, j: int, change: float, elapsed_s: float, is_stuck: int
+) -> None:
+    """Moments of weather j after `elapsed_s`, into `mixed_x` and `mixed_P`; its probability into
+    `log_likelihood`. What comes out of a fault of the barometer has the drift rate of weather j."""
+    total = 0.0
+    mixed, cov = bank.mixed_x[j], bank.mixed_P[j]
+    for k in range(SIZE):
+        mixed[k] = 0.0
+        for m in range(SIZE):
+            cov[k, m] = 0.0
+    for i in range(N):
+        if bank.weight[i] == 0.0:
+            continue
+        share = share_of(bank, p, i, j, change, elapsed_s, is_stuck)
+        total += share
+        for k in range(SIZE):
+            mixed[k] += share * (0.0 if k == RATE and baro_is_wrong(i) else bank.x[i, k])
+    bank.log_likelihood[j] = total
+    if total <= 0.0:
+        return
+    for k in range(SIZE):
+        mixed[k] /= total
+    for i in range(N):
+        if bank.weight[i] == 0.0:
+            continue
+        share = share_of(bank, p, i, j, change, elapsed_s, is_stuck) / total
+        if share > 0.0:
+            add_moment(bank, p, i, j, share)
+
+
+@step
+def add_moment(bank: Record, p: Record, i: int, j: int, share: float) -> None:
+    """Add hypothesis i to the covariance of weather j."""
+    x, P, mixed, cov = bank.x[i], bank.P[i], bank.mixed_x[j], bank.mixed_P[j]
+    from_fault = baro_is_wrong(i)
+    for k in range(SIZE):
+        for m in range(SIZE):
+            if from_fault and RATE in (k, m):
+                continue
+            cov[k, m] += share * (P[k, m] + (x[k] - mixed[k]) * (x[m] - mixed[m]))
+    if from_fault:
+        cov[RATE, RATE] += share * (p.rate_sd_mps[j] ** 2 + mixed[RATE] ** 2)

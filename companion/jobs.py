@@ -1,0 +1,174 @@
+"""Many independent jobs on one runner: a pool of processes by default, a Dask cluster by address.
+
+A job is a frozen dataclass, and a function of one job returns rows (dictionaries that JSON can hold).
+`run` keeps the rows of every finished job in a folder and takes them from there when the same job is
+run again, so that a study or a batch that was stopped or killed continues. A job that raises has no
+rows but an error; the next run tries it again.
+"""
+
+import json
+import logging
+import os
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing import get_context, parent_process
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from companion.errors import ConfigError
+
+Row = dict[str, Any]
+Job = TypeVar("Job")
+Function = Callable[[Job], list[Row]]
+
+KILLED = "a worker process was killed, and this job with it"
+ATTEMPTS = 3
+"""for a job whose worker process was killed"""
+
+
+@dataclass(frozen=True)
+class Done(Generic[Job]):
+    """A job that was run: its rows, or why it failed."""
+
+    job: Job
+    rows: list[Row]
+    error: str | None = None
+
+
+OnDone = Callable[[int, Done[Any] | None], None]
+"""Called with how many jobs are done and the newest one; None for those whose rows were kept."""
+
+
+def run(
+    function: Function[Job],
+    jobs: Sequence[Job],
+    executor: Executor,
+    *,
+    key: Callable[[Job], str],
+    parts: Path | None = None,
+    weight: Callable[[Job], float] | None = None,
+    on_done: OnDone | None = None,
+) -> list[Done[Job]]:
+    """`function` of every job, in the order of `jobs`.
+
+    Parameters
+    ----------
+    function : of a module's top level, so that a process can be sent there.
+    key : a file name for a job that changes with everything its rows depend on.
+    parts : folder where rows are kept; None keeps nothing.
+    weight : how long a job takes, in any unit: the longest start first, which keeps all workers busy.
+    """
+    keys = [key(job) for job in jobs]
+    done = {each: Done(job, rows) for each, job, rows in _kept(parts, keys, jobs)}
+    if on_done is not None:
+        on_done(len(done), None)
+    todo = {each: job for each, job in zip(keys, jobs, strict=True) if each not in done}
+    ordered = sorted(todo, key=lambda each: -weight(todo[each]) if weight else 0.0)
+    waiting = {executor.submit(quietly, function, todo[each]): each for each in ordered}
+    for future in as_completed(waiting):
+        name = waiting[future]
+        rows, error = _outcome(future)
+        if error is None and parts is not None:
+            _keep(parts / f"{name}.json", rows)
+        done[name] = Done(todo[name], rows, error)
+        if on_done is not None:
+            on_done(len(done), done[name])
+    return [done[each] for each in keys]
+
+
+def run_on(
+    workers: int,
+    scheduler: str | None,
+    function: Function[Job],
+    jobs: Sequence[Job],
+    **options: Any,
+) -> list[Done[Job]]:
+    """`run` on `executor_of`; jobs whose worker process was killed are tried again, in a new pool.
+
+    `options` go to `run`; it needs ``parts``, which tells what is done.
+    """
+    for attempt in range(ATTEMPTS):
+        with executor_of(workers, scheduler) as executor:
+            found = run(function, jobs, executor, **options)
+        killed = sum(each.error == KILLED for each in found)
+        if not killed or attempt == ATTEMPTS - 1:
+            break
+        logging.getLogger("kollsman.jobs").warning("%s: %d jobs are tried again", KILLED, killed)
+    return found
+
+
+def _kept(
+    parts: Path | None, keys: Sequence[str], jobs: Sequence[Job]
+) -> Iterator[tuple[str, Job, list[Row]]]:
+    for key, job in zip(keys, jobs, strict=True):
+        path = parts / f"{key}.json" if parts is not None else None
+        if path is not None and path.exists():
+            yield key, job, json.loads(path.read_text(encoding="utf-8"))
+
+
+def _keep(path: Path, rows: list[Row]) -> None:
+    """Write the rows of a job; the file appears whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_suffix(".partial")
+    partial.write_text(json.dumps(rows), encoding="utf-8")
+    partial.replace(path)
+
+
+def _outcome(future: "Future[list[Row]]") -> tuple[list[Row], str | None]:
+    try:
+        return future.result(), None
+    except BrokenProcessPool:
+        return [], KILLED
+    except Exception as error:  # a job that fails is a result, whatever failed
+        return [], f"{error}" or type(error).__name__
+
+
+def quietly(function: Function[Job], job: Job) -> list[Row]:
+    """What the companion logs of one of many jobs is not news."""
+    logging.getLogger("kollsman").setLevel(logging.CRITICAL)
+    return function(job)
+
+
+@contextmanager
+def executor_of(workers: int, scheduler: str | None = None) -> Iterator[Executor]:
+    """A pool of `workers` processes, or the Dask cluster whose scheduler is at an address such as
+    tcp://host:8786.
+
+    Raises `ConfigError` when Dask is not installed or the scheduler does not answer.
+    """
+    if scheduler is None:
+        with ProcessPoolExecutor(
+            workers, mp_context=get_context("spawn"), initializer=_start_worker
+        ) as pool:
+            try:
+                yield pool
+            except BaseException:  # Ctrl-C must not wait for all that was submitted
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+        return
+    try:
+        from distributed import Client
+    except ImportError:
+        raise ConfigError("--scheduler needs Dask: pip install 'kollsman[fleet]'") from None
+    try:
+        client = Client(scheduler, timeout=10, set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise ConfigError(f"no Dask scheduler answers at {scheduler}: {error}") from None
+    with client:
+        yield client.get_executor()
+
+
+def _start_worker() -> None:
+    """A worker ends with its parent, which may be killed before it can say so."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

@@ -1,0 +1,117 @@
+"""What is known of the air beside the sensors: setting of the altimeter, temperature, field elevation.
+
+It comes from section ``air`` of the configuration, or live through `KnownAir.set`. The pipeline tells
+it to the estimator as an AIR sample with the next pressure.
+"""
+
+import re
+from typing import NamedTuple
+
+from pydantic import Field, field_validator, model_validator
+
+from companion.config import Settings, validate
+
+HPA_PER_INHG = 33.86389
+_QNH = re.compile(r"\bQ(\d{4})\b")
+_ALTIMETER = re.compile(r"\bA(\d{4})\b")
+_TEMPERATURE = re.compile(r"\b(M?\d{2})/(?:M?\d{2}|//)?(?=\s|$)")
+_TRENDS = re.compile(r"\b(RMK|TEMPO|BECMG|NOSIG)\b")
+
+
+class Report(NamedTuple):
+    """Pressure and temperature of a METAR; None where it tells none."""
+
+    qnh_hpa: float | None
+    temperature_c: float | None
+
+
+def read_metar(text: str) -> Report:
+    """QNH (Q1013 or A2992) and temperature (12/08) of a METAR; remarks and trends are left out."""
+    body = _TRENDS.split(text.upper())[0]
+    qnh, altimeter, air = _QNH.search(body), _ALTIMETER.search(body), _TEMPERATURE.search(body)
+    qnh_hpa = float(qnh[1]) if qnh else None
+    if qnh_hpa is None and altimeter:
+        qnh_hpa = float(altimeter[1]) * 0.01 * HPA_PER_INHG
+    temperature_c = float(air[1].replace("M", "-")) if air else None
+    return Report(qnh_hpa, temperature_c)
+
+
+class AirSettings(Settings):
+    """Section ``air``: what is known of the air beside the sensors."""
+
+    qnh_hpa: float | None = Field(None, ge=850, le=1100)
+    """Altimeter setting (QNH) of the field of the take-off; default: as GNSS shows."""
+    temperature_c: float | None = Field(None, ge=-90, le=60)
+    """Air temperature at the place of the start, in the shade; default: that of a standard day, with
+    a spread of 15 K."""
+    metar: str | None = Field(None, max_length=400)
+    """METAR of the field of the take-off, such as "LSZH 281420Z 24008KT CAVOK 12/08 Q1013": its QNH
+    and temperature, where qnh_hpa and temperature_c are not given."""
+
+    @field_validator("metar")
+    @classmethod
+    def _tells_something(cls, metar: str | None) -> str | None:
+        if metar is not None and read_metar(metar) == Report(None, None):
+            raise ValueError("tells neither a pressure (Q1013, A2992) nor a temperature (12/08)")
+        return metar
+
+    @model_validator(mode="after")
+    def _has_possible_qnh(self) -> "AirSettings":
+        qnh_hpa = self.report.qnh_hpa
+        if qnh_hpa is not None and not 850.0 <= qnh_hpa <= 1100.0:
+            raise ValueError(f"metar: a QNH of {qnh_hpa:.0f} hPa is not possible; give 850 to 1100")
+        return self
+
+    @property
+    def report(self) -> Report:
+        """QNH and temperature: the keys, else those of the METAR."""
+        read = read_metar(self.metar) if self.metar else Report(None, None)
+        qnh_hpa = read.qnh_hpa if self.qnh_hpa is None else self.qnh_hpa
+        return Report(
+            qnh_hpa, read.temperature_c if self.temperature_c is None else self.temperature_c
+        )
+
+
+class LiveAir(AirSettings):
+    """What `KnownAir.set` takes: the keys of section ``air`` and the field's elevation."""
+
+    field_elevation_m: float | None = Field(None, ge=-500, le=9000)
+    """Elevation of the field on which the vehicle rests."""
+
+
+class KnownAir:
+    """The values, and whether the estimator has still to be told."""
+
+    def __init__(self, settings: AirSettings) -> None:
+        self.qnh_hpa, self.temperature_c = settings.report
+        self.field_elevation_m: float | None = None
+        self.restart()
+
+    def set(
+        self,
+        *,
+        qnh_hpa: float | None = None,
+        temperature_c: float | None = None,
+        field_elevation_m: float | None = None,
+        metar: str | None = None,
+    ) -> None:
+        """Replace what is given. `field_elevation_m` alone sets the altimeter to the pressure measured
+        at rest. Raises `ConfigError`, in one line, for a value that is not possible."""
+        given = {
+            "qnh_hpa": qnh_hpa,
+            "temperature_c": temperature_c,
+            "field_elevation_m": field_elevation_m,
+            "metar": metar,
+        }
+        live = validate({k: v for k, v in given.items() if v is not None}, LiveAir, source="air")
+        report = live.report
+        if report.temperature_c is not None:
+            self.temperature_c = report.temperature_c
+        if report.qnh_hpa is not None or live.field_elevation_m is not None:
+            self.qnh_hpa, self.field_elevation_m = report.qnh_hpa, live.field_elevation_m
+        self.restart()
+
+    def restart(self) -> None:
+        """The estimator knows nothing any more: tell it again."""
+        values = (self.qnh_hpa, self.temperature_c, self.field_elevation_m)
+        self.waits = any(value is not None for value in values)

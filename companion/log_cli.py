@@ -1,0 +1,265 @@
+"""The commands for one log: replay and compare. Part of the command ``kollsman``."""
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from companion.common_cli import (
+    ConfigOption,
+    EstimatorOption,
+    SetOption,
+    resolve_settings,
+    say_if_compiling,
+)
+from companion.errors import ConfigError, LogFormatError
+from companion.report_cli import show
+
+if TYPE_CHECKING:
+    from companion.replay.expect import Outcome
+    from companion.settings import CompanionSettings
+
+REPLAY_EXAMPLES = """\b
+Examples:
+  kollsman replay flight.tlog
+  kollsman replay flight.BIN --csv altitude.csv             (or OUT.parquet)
+  kollsman replay flight.ulg --out with-altitude.tlog       (then open it in MAVExplorer)
+  kollsman replay flight.tlog --json | jq '.sessions[0].sources'
+  kollsman replay sitl.tlog --expect 'max<10' --expect 'nees<2' --junit result.xml
+"""
+COMPARE_EXAMPLES = """\b
+Examples:
+  kollsman compare flight.tlog
+  kollsman compare flight.BIN --estimator vertical-bank --estimator damping-loop
+  kollsman compare flight.tlog --plot errors.png
+"""
+LogArgument = Annotated[
+    Path, typer.Argument(help="A log: .tlog, .bin, .log, .ulg or a raw MAVLink capture.")
+]
+LogsArgument = Annotated[
+    list[Path], typer.Argument(help="Logs: .tlog, .bin, .log, .ulg or raw MAVLink captures.")
+]
+SettleOption = Annotated[
+    float,
+    typer.Option(min=0, help="Seconds at the start of each session left out.", metavar="S"),
+]
+ExpectOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--expect",
+        help="A condition such as 'max<10' (m); metrics max, p95, rmse, bias, unbiased, nees. "
+        "Exit code 3 when a session does not meet it; repeatable.",
+        metavar="METRIC<VALUE",
+    ),
+]
+CsvOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="One row for each barometer and GNSS sample; Parquet where the name ends so.",
+        metavar="OUT.csv",
+    ),
+]
+OutOption = Annotated[
+    Path | None, typer.Option(help="The log with our ALTITUDE in it.", metavar="OUT.tlog")
+]
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="The report as JSON (docs/report-schema.md).")
+]
+SmoothOption = Annotated[
+    bool, typer.Option("--smooth", help="Also the best altitude after the fact, in the rows.")
+]
+PlotOption = Annotated[
+    Path | None,
+    typer.Option(help="Curves over time (extra `sim`); one file a session.", metavar="OUT.png"),
+]
+StanfordOption = Annotated[
+    Path | None,
+    typer.Option(help="Error against protection level (extra `sim`).", metavar="OUT.png"),
+]
+AlertLimitOption = Annotated[
+    float, typer.Option(min=1, help="Of the Stanford diagram, in metres.", metavar="M")
+]
+SomeEstimatorsOption = Annotated[
+    list[str] | None,
+    typer.Option("--estimator", help="Only this one; repeatable. Default: all.", metavar="NAME"),
+]
+JunitOption = Annotated[
+    Path | None, typer.Option(help="Write the outcomes of --expect there.", metavar="OUT.xml")
+]
+
+
+def replay(
+    logs: LogsArgument,
+    *,
+    estimator: EstimatorOption = None,
+    config: ConfigOption = None,
+    changes: SetOption = None,
+    csv: CsvOption = None,
+    out: OutOption = None,
+    as_json: JsonOption = False,
+    smooth: SmoothOption = False,
+    settle: SettleOption = 60.0,
+    expect: ExpectOption = None,
+    junit: JunitOption = None,
+) -> None:
+    """Run logs through the same code as live, and report each session."""
+    for log in logs:
+        refuse_same(log, out, csv)
+    if len(logs) > 1 and (out or csv):
+        raise ConfigError("--csv and --out take one log; name one, or use `kollsman batch`")
+    settings = resolve_settings(config, estimator, changes)
+    from companion.replay import expect as expecting
+
+    expectations = expecting.parse(expect or [])
+    say_if_compiling(settings.estimator)
+    reports, outcomes = [], []
+    for log in logs:
+        report = _replay_one(log, settings, settle, csv, out, smoothing=smooth)
+        for session in report["sessions"]:
+            where = f"{log.name} session {session['session']}"
+            outcomes += expecting.hold(where, expectations, session["sources"].get("estimate"))
+        reports.append(report)
+        if not as_json:
+            show(report)
+    if as_json:
+        print(json.dumps(reports[0] if len(reports) == 1 else reports, indent=2))
+    else:
+        for path in filter(None, (csv, out)):
+            print(f"wrote {path}")
+    conclude("kollsman replay", outcomes, junit)
+
+
+def _replay_one(
+    log: Path,
+    settings: "CompanionSettings",
+    settle_s: float,
+    csv: Path | None,
+    out: Path | None,
+    *,
+    smoothing: bool,
+) -> dict[str, Any]:
+    """Replay a log, write what was asked for, and return its report."""
+    from companion.logs.tlog import TlogWriter
+    from companion.replay.run import replay as replay_log
+    from companion.replay.table import write
+
+    with ExitStack() as stack:
+        writer = stack.enter_context(TlogWriter(out)) if out else None
+        advance = stack.enter_context(bar(log.name, 1.0))
+        found = replay_log(
+            log,
+            settings,
+            settle_s=settle_s,
+            smoothing=smoothing,
+            writer=writer,
+            on_progress=advance,
+        )
+    if csv:
+        write(csv, found.tables())
+    return found.report
+
+
+def compare(
+    log: LogArgument,
+    *,
+    estimator: SomeEstimatorsOption = None,
+    config: ConfigOption = None,
+    changes: SetOption = None,
+    as_json: JsonOption = False,
+    plot: PlotOption = None,
+    stanford: StanfordOption = None,
+    alert_limit: AlertLimitOption = 50.0,
+    settle: SettleOption = 60.0,
+) -> None:
+    """Every estimator on one log, beside raw barometer, raw GNSS and the autopilot's own."""
+    refuse_same(log, plot, stanford)
+    settings = resolve_settings(config, None, changes)
+    names = _estimators(estimator)
+    say_if_compiling(*names)
+
+    from companion.evaluation import compare as comparing
+    from companion.evaluation import comparison_plots as plots
+    from companion.evaluation import table as comparing_table
+    from companion.replay.summary import document, utc
+
+    with bar(log.name, 1.0) as advance:
+        found = comparing.compare_sessions(log, settings, settle, advance, names)
+    sessions, written = [], []
+    for number, (session, comparison) in enumerate(found, 1):
+        title = f"{log.name}" + (f", session {number}" if len(found) > 1 else "")
+        if plot:
+            written.append(_numbered(plot, number, len(found)))
+            plots.plot(comparison, written[-1], f"{title}: altitudes")
+        if stanford:
+            written.append(_numbered(stanford, number, len(found)))
+            plots.plot_protection(comparison, written[-1], title, alert_limit)
+        vehicle = "/".join(map(str, session.vehicle)) if session.vehicle else None
+        head = {"session": number, "vehicle": vehicle, "start_utc": utc(session.first_us)}
+        sessions.append(head | comparison.as_dict())
+        if not as_json:
+            print(f"{title}: vehicle {vehicle or 'unknown'}, from {head['start_utc'] or 'boot'}")
+            comparing_table.show(comparison)
+    if as_json:
+        print(json.dumps(document("compare", str(log), sessions, settle_s=settle), indent=2))
+        return
+    for path in written:
+        print(f"wrote {path}")
+
+
+def _estimators(names: list[str] | None) -> tuple[str, ...]:
+    from companion.estimators import ESTIMATORS
+
+    for name in names or []:
+        if name not in ESTIMATORS:
+            known = ", ".join(ESTIMATORS)
+            raise ConfigError(f"no estimator is called {name!r}; there are: {known}")
+    return tuple(names or ESTIMATORS)
+
+
+def _numbered(path: Path, number: int, count: int) -> Path:
+    """The file of one session: with its number where there are several."""
+    return path if count == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")
+
+
+def refuse_same(log: Path, *outputs: Path | None) -> None:
+    """Raise `LogFormatError` when an output would replace the log."""
+    for output in outputs:
+        if output is not None and log.exists() and output.exists() and output.samefile(log):
+            raise LogFormatError(f"{output}: is the log itself; choose another name for the output")
+
+
+def conclude(name: str, outcomes: "Sequence[Outcome]", junit: Path | None) -> None:
+    """Say which expectations were not met, write the JUnit file, and exit with 3 if there were."""
+    from companion.replay.expect import EXIT_WRONG, write_junit
+
+    if junit:
+        write_junit(junit, name, outcomes)
+    for each in outcomes:
+        if not each.met:
+            print(f"kollsman: {each}", file=sys.stderr)
+    if not all(each.met for each in outcomes):
+        raise typer.Exit(EXIT_WRONG)
+
+
+@contextmanager
+def bar(name: str, total: float) -> "Iterator[Callable[[float], None]]":
+    """A progress bar on a terminal; what it gives is called with how much is done."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    columns = (
+        TextColumn(name),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeRemainingColumn(),
+    )
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as progress:
+        task = progress.add_task(name, total=total)
+        yield lambda done: progress.update(task, completed=done)

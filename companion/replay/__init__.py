@@ -1,0 +1,1 @@
+"""Logs after the fact: sessions, what each held, the report, expectations, fleets."""

@@ -1,0 +1,187 @@
+"""A folder of logs: every session to Parquet rows, and one fleet table, the worst altitude first.
+
+Layout of the output folder::
+
+    fleet.csv, fleet.parquet   a row for each session, and for each log that could not be read
+    fleet.json                 the same as the report schema, command "batch"
+    rows/                      one Parquet file a log: the rows of `companion.replay.table`
+    parts/                     what is done; a batch that was killed goes on from there
+
+On a Dask cluster the workers must see the logs and the output folder under the same paths.
+"""
+
+import csv
+import glob
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from companion.errors import ConfigError, KollsmanError, LogFormatError
+from companion.jit import source_hash
+from companion.jobs import Done, OnDone, Row, run_on
+from companion.logs import FORMATS
+from companion.replay.run import replay
+from companion.replay.summary import SETTLE_S, document
+from companion.replay.table import write
+from companion.settings import CompanionSettings
+
+FLEET_COLUMNS = (
+    "log", "session", "wrong", "score_m", "verdict", "vehicle", "start_utc", "duration_s", "health",
+    "reference", "estimate_p95_m", "estimate_max_m", "autopilot_p95_m", "autopilot_max_m",
+    "drift_m", "drift_m_per_h", "gnss_wander_m", "gnss_sd_m", "gnss_share_3d", "satellites",
+    "rows", "error",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class BatchJob:
+    """One log of a batch."""
+
+    log: Path
+    out: Path
+    settle_s: float = SETTLE_S
+    settings: CompanionSettings = field(default_factory=CompanionSettings)
+
+    @property
+    def key(self) -> str:
+        """Changes with everything that the rows depend on: file, settings, code."""
+        state = self.log.stat()
+        content = [
+            str(self.log), state.st_size, state.st_mtime_ns, self.settle_s,
+            self.settings.model_dump(mode="json"), _code_hash(),
+        ]  # fmt: skip
+        digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
+        return f"{self.log.stem[:60]}-{digest}"
+
+
+@cache
+def _code_hash() -> str:
+    digest = hashlib.sha256(source_hash().encode())
+    root = Path(__file__).parents[1]
+    for path in sorted(root.rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def find_logs(places: Sequence[str]) -> list[Path]:
+    """The logs in folders (searched to their depths), of patterns such as ``'logs/*.BIN'``, and
+    named. Raises `ConfigError` when there is none."""
+    suffixes = {suffix for known in FORMATS.values() for suffix in known.suffixes}
+    found: set[Path] = set()
+    for place in places:
+        path = Path(place)
+        if path.is_dir():
+            found |= {each for each in path.rglob("*") if each.suffix.lower() in suffixes}
+        elif path.exists():
+            found.add(path)
+        else:
+            found |= set(map(Path, glob.glob(place, recursive=True)))
+    logs = sorted(each.resolve() for each in found if each.is_file())
+    if not logs:
+        raise ConfigError(f"no log in {', '.join(places)}; suffixes: {', '.join(sorted(suffixes))}")
+    return logs
+
+
+def replay_job(job: BatchJob) -> list[Row]:
+    """Replay one log; its sessions, or one row that says why there are none."""
+    try:
+        found = replay(job.log, job.settings, settle_s=job.settle_s)
+        rows = job.out / "rows" / f"{job.key}.parquet"
+        rows.parent.mkdir(parents=True, exist_ok=True)
+        write(rows, found.tables())
+    except LogFormatError as error:
+        return [{"log": str(job.log), "error": f"{error}".removeprefix(f"{job.log}: ")}]
+    except KollsmanError:
+        raise  # of the environment: the next run tries again
+    return [
+        {"log": str(job.log), "rows": rows.name, "error": None} | session
+        for session in found.report["sessions"]
+    ]
+
+
+def run_batch(
+    logs: Sequence[Path],
+    out: Path,
+    settings: CompanionSettings | None = None,
+    *,
+    settle_s: float = SETTLE_S,
+    workers: int = 1,
+    scheduler: str | None = None,
+    on_done: OnDone | None = None,
+) -> list[Row]:
+    """Replay `logs`, write the fleet's files into `out`, and return the fleet table, worst first.
+
+    A log that is done, with these settings and this code, is not replayed again. Raises
+    `ConfigError`, also when the folder cannot be written.
+    """
+    settings, out = settings or CompanionSettings(), out.resolve()
+    try:
+        (out / "parts").mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"{out}: cannot be written: {error.strerror or error}") from None
+    jobs = [BatchJob(log, out, settle_s, settings) for log in logs]
+    done = run_on(
+        workers,
+        scheduler,
+        replay_job,
+        jobs,
+        key=lambda job: job.key,
+        parts=out / "parts",
+        weight=lambda job: float(job.log.stat().st_size),
+        on_done=on_done,
+    )
+    sessions = [row for each in done for row in _rows_of(each)]
+    sessions.sort(key=_badness, reverse=True)
+    table = [fleet_row(session) for session in sessions]
+    _write_fleet(out, sessions, table)
+    return table
+
+
+def _rows_of(done: Done[BatchJob]) -> list[Row]:
+    return done.rows if done.error is None else [{"log": str(done.job.log), "error": done.error}]
+
+
+def _badness(session: Row) -> tuple[bool, bool, float]:
+    """Wrong altitudes first, by size; what could not be read last."""
+    readable = session["error"] is None
+    return readable, bool(session.get("wrong")), float(session.get("score_m") or 0.0)
+
+
+def fleet_row(session: Row) -> Row:
+    """A session's summary as a flat row of the fleet table."""
+    sources, gnss = session.get("sources", {}), session.get("gnss", {})
+    barometer = session.get("barometer", {})
+    values = {
+        "wrong": " and ".join(session.get("wrong") or []),
+        "health": session.get("health", {}).get("at_end"),
+        "reference": session.get("reference", {}).get("kind"),
+        "estimate_p95_m": sources.get("estimate", {}).get("p95_m"),
+        "estimate_max_m": sources.get("estimate", {}).get("max_m"),
+        "autopilot_p95_m": sources.get("autopilot", {}).get("p95_m"),
+        "autopilot_max_m": sources.get("autopilot", {}).get("max_m"),
+        "drift_m": barometer.get("drift_m"),
+        "drift_m_per_h": barometer.get("drift_m_per_h"),
+        "gnss_wander_m": gnss.get("wander_m"),
+        "gnss_sd_m": gnss.get("median_sd_m"),
+        "gnss_share_3d": gnss.get("share_3d"),
+        "satellites": gnss.get("median_satellites"),
+    }
+    return {name: values.get(name, session.get(name)) for name in FLEET_COLUMNS}
+
+
+def _write_fleet(out: Path, sessions: Sequence[Row], table: Sequence[Row]) -> None:
+    try:
+        report = document("batch", str(out), sessions)
+        (out / "fleet.json").write_text(json.dumps(report, indent=1), encoding="utf-8")
+        with (out / "fleet.csv").open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, FLEET_COLUMNS)
+            writer.writeheader()
+            writer.writerows(table)
+    except OSError as error:
+        raise ConfigError(f"{out}: cannot be written: {error.strerror or error}") from None
+    columns: dict[str, list[Any]] = {name: [row[name] for row in table] for name in FLEET_COLUMNS}
+    write(out / "fleet.parquet", [columns])

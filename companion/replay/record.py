@@ -1,0 +1,164 @@
+"""What is kept of one session: a row for each barometer and GNSS sample, with the estimate after it.
+
+The IMU is not kept: its rows would be most of a log, and the altitude moves little between them.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.evaluation.metrics import Array
+from companion.evaluation.smoother import UNKNOWN_GNSS_SD_M, Measured
+from companion.health import Health
+from companion.kernels.atmosphere import baro_altitude_array
+from companion.kernels.gnss import gnss_sd_m
+from companion.mavlink.codec import Message
+from companion.pipeline import Pipeline
+from companion.samples import ESTIMATE, HEIGHT, Kind, Rows, Suspicion, Verdict, readable
+
+RECORD = np.dtype(
+    [
+        ("time_us", "i8"),  # of the sample, since boot
+        ("now_us", "i8"),  # the vehicle's clock
+        ("arrival_us", "i8"),
+        ("kind", "i8"),
+        ("instance", "i8"),
+        ("verdict", "i8"),
+        ("suspect", "i8"),
+        ("health", "i8"),
+        ("pressure_pa", "f8"),
+        ("gnss_altitude_m", "f8"),
+        ("gnss_sd_m", "f8"),
+        ("ground_speed_mps", "f8"),
+        ("fix_type", "i8"),
+        ("satellites", "i8"),
+        ("estimate", ESTIMATE),
+    ],
+    align=True,
+)
+
+
+class Recording:
+    """An observer that keeps the heights of a session. Rows grow by doubling."""
+
+    def __init__(self, pipeline: Pipeline) -> None:
+        self._pipeline = pipeline
+        self._rows = readable(np.zeros(256, RECORD))
+        self._count = 0
+        self._heights: dict[bool, list[tuple[int, float, float]]] = {True: [], False: []}
+        self.published_count = 0
+        """ALTITUDE messages of ours"""
+        self.armed: list[tuple[int, bool]] = []
+        """(time_us, armed) at each change"""
+
+    def sample(self, kind: Kind, row: Rows, verdict: Verdict, estimate: Rows) -> None:
+        value = row[0]
+        if kind is Kind.STATUS:
+            armed = int(value["armed"])
+            if armed >= 0 and (not self.armed or self.armed[-1][1] != bool(armed)):
+                self.armed.append((int(value["time_us"]), bool(armed)))
+            return
+        if kind is not Kind.PRESSURE and kind is not Kind.GNSS:
+            return
+        if self._count == self._rows.size:
+            self._rows = readable(np.concatenate([self._rows, np.zeros_like(self._rows)]))
+        kept = self._rows[self._count]
+        self._count += 1
+        kept["time_us"], kept["arrival_us"] = value["time_us"], value["arrival_us"]
+        kept["now_us"] = self._pipeline.now_us
+        kept["kind"], kept["instance"], kept["verdict"] = kind, value["instance"], verdict
+        kept["suspect"], kept["health"] = value["suspect"], self._pipeline.health.health
+        kept["estimate"] = estimate[0]
+        is_gnss = kind is Kind.GNSS
+        kept["pressure_pa"] = math.nan if is_gnss else value["pressure_pa"]
+        kept["gnss_altitude_m"] = value["altitude_amsl_m"] if is_gnss else math.nan
+        kept["gnss_sd_m"] = gnss_sd_m(row, 0.0, UNKNOWN_GNSS_SD_M) if is_gnss else math.nan
+        kept["ground_speed_mps"] = value["ground_speed_mps"] if is_gnss else math.nan
+        kept["fix_type"] = value["fix_type"] if is_gnss else -1
+        kept["satellites"] = value["satellites"] if is_gnss else -1
+
+    def truth(self, time_us: int, altitude_amsl_m: float, climb_mps: float) -> None:
+        self._heights[True].append((time_us, altitude_amsl_m, climb_mps))
+
+    def autopilot(self, time_us: int, altitude_amsl_m: float, climb_mps: float) -> None:
+        self._heights[False].append((time_us, altitude_amsl_m, climb_mps))
+
+    def published(self, message: Message) -> None:
+        self.published_count += 1
+
+    @property
+    def rows(self) -> Rows:
+        """RECORD rows in order of arrival."""
+        rows: Rows = self._rows[: self._count]
+        return rows
+
+    def heights(self, *, truth: bool) -> NDArray[Any]:
+        """HEIGHT rows of a simulator's truth, or of the autopilot's own."""
+        return np.array(self._heights[truth], HEIGHT)
+
+    def of(self, kind: Kind) -> Rows:
+        """Rows of the first sensor of a kind; of GNSS only fixes."""
+        rows = self.rows
+        chosen = (np.asarray(rows["kind"]) == kind) & (np.asarray(rows["instance"]) == 0)
+        if kind is Kind.GNSS:
+            chosen &= np.asarray(rows["fix_type"]) >= 3
+        return rows[chosen]
+
+    def ticks(self) -> Rows:
+        """Rows at which the altitude is judged: the first barometer's, else the receiver's."""
+        pressure = self.of(Kind.PRESSURE)
+        return pressure if pressure.size else self.of(Kind.GNSS)
+
+    def measured(self) -> Measured:
+        """What the smoother takes."""
+        baro, gnss = self.of(Kind.PRESSURE), self.of(Kind.GNSS)
+        return Measured(
+            np.asarray(baro["time_us"], np.float64),
+            baro_altitude_array(baro["pressure_pa"]),
+            np.asarray(gnss["time_us"], np.float64),
+            np.asarray(gnss["gnss_altitude_m"]),
+            np.asarray(gnss["gnss_sd_m"]),
+            np.asarray(gnss["ground_speed_mps"]),
+        )
+
+    def track(self, source: str) -> tuple[Array, Array]:
+        """(time_us, altitude_m), shape (n,) each, of "estimate", "published" (the estimate where it
+        was not lost), "baro", "gnss", "autopilot" or "truth"; unknown altitudes are left out."""
+        if source in ("estimate", "published"):
+            ticks = self.ticks()
+            rows = ticks["estimate"]
+            if source == "published":
+                rows = rows[np.asarray(ticks["health"]) != Health.LOST]
+            times, values = rows["time_us"], rows["altitude_amsl_m"]
+        elif source == "baro":
+            rows = self.of(Kind.PRESSURE)
+            times, values = rows["time_us"], baro_altitude_array(rows["pressure_pa"])
+        elif source == "gnss":
+            rows = self.of(Kind.GNSS)
+            times, values = rows["time_us"], rows["gnss_altitude_m"]
+        else:
+            rows = self.heights(truth=source == "truth")
+            times, values = rows["time_us"], rows["altitude_amsl_m"]
+        times, values = np.asarray(times, np.float64), np.asarray(values, np.float64)
+        known = np.isfinite(values)
+        return times[known], values[known]
+
+    def health_shares(self) -> dict[str, float]:
+        """Share of the rows in each state of health."""
+        health = np.asarray(self.rows["health"])
+        if not health.size:
+            return {}
+        return {state.name: float(np.mean(health == state)) for state in Health}
+
+    def suspected(self) -> dict[str, int]:
+        """Rows that the plausibility check marked, by kind."""
+        rows = self.rows
+        marked = np.asarray(rows["suspect"]) != Suspicion.NONE
+        kinds = np.asarray(rows["kind"])
+        return {
+            kind.name.lower(): int((marked & (kinds == kind)).sum())
+            for kind in (Kind.PRESSURE, Kind.GNSS)
+            if (marked & (kinds == kind)).any()
+        }

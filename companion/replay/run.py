@@ -1,0 +1,93 @@
+"""Replaying a log: the sessions in it, what they were, and the tables and files asked for."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from companion.evaluation.smoother import Smoothed, smooth
+from companion.logs import LogReader, open_log
+from companion.pipeline import Observer, Pipeline
+from companion.replay.record import Recording
+from companion.replay.sessions import Session, Writer, sessions_of
+from companion.replay.summary import (
+    SETTLE_S,
+    damage,
+    document,
+    reference_of,
+    summarise,
+)
+from companion.replay.table import Columns, columns
+from companion.settings import CompanionSettings
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """A log that was replayed."""
+
+    sessions: list[Session[Recording]]
+    report: dict[str, Any]
+    """as ``docs/report-schema.md`` describes"""
+    smoothed: list[Smoothed | None]
+    """of each session; None where it was not asked for, and could not be made"""
+
+    def tables(self) -> list[Columns]:
+        """The rows of every session, for `companion.replay.table.write`."""
+        return [
+            columns(session, number + 1, smoothed)
+            for number, (session, smoothed) in enumerate(
+                zip(self.sessions, self.smoothed, strict=True)
+            )
+        ]
+
+
+def replay(
+    path: Path,
+    settings: CompanionSettings | None = None,
+    *,
+    settle_s: float = SETTLE_S,
+    smoothing: bool = False,
+    writer: Writer | None = None,
+    on_progress: Callable[[float], None] | None = None,
+) -> Replayed:
+    """Run the log at `path` through the same code as live.
+
+    Parameters
+    ----------
+    smoothing : also smooth sessions that have truth (without truth the smoother is the reference).
+    writer : gets the log's frames with ours between them.
+    on_progress : called with the share of the file that is read.
+
+    Raises `LogFormatError` when the log is unreadable or holds nothing usable.
+    """
+    settings = settings or CompanionSettings()
+    started_s = time.perf_counter()
+    reader = open_log(path)
+
+    def make(changed: CompanionSettings, observer: Observer) -> Pipeline:
+        return Pipeline(changed, datagrams=True, observer=observer, sends=writer is not None)
+
+    sessions = sessions_of(
+        reader, settings, Recording, make, writer=writer, on_progress=on_progress
+    )
+    summaries, smoothed = [], []
+    for number, session in enumerate(sessions, 1):
+        reference = reference_of(session.seen)
+        smoothed.append(
+            smooth(session.seen.measured())
+            if smoothing and not reference.smoothed
+            else reference.smoothed
+        )
+        summaries.append(summarise(session, number, settings.estimator, settle_s, reference))
+    report = document("replay", str(path), summaries, **_file(reader, started_s))
+    return Replayed(sessions, report, smoothed)
+
+
+def _file(reader: LogReader, started_s: float) -> dict[str, Any]:
+    return {
+        "format": type(reader).__name__.removesuffix("Reader").lower(),
+        "size_bytes": reader.size_bytes,
+        "elapsed_s": round(time.perf_counter() - started_s, 3),
+        "damage": damage(reader.counters),
+    }

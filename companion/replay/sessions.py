@@ -1,0 +1,281 @@
+"""Log sessions: one vehicle, one boot, one day each.
+
+A log may hold several. The vehicle's clock that restarts ends a session (the same pipeline goes on,
+as live), a day between two stamps that the boot clock does not explain ends it too (with a new
+pipeline), and each autopilot in the log has sessions of its own. A host clock that is set while the
+vehicle's goes on, a stamp of zero, and stamps that step back end nothing.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+
+from companion.errors import LogFormatError
+from companion.logs import LogReader
+from companion.logs.encoding import frame_of
+from companion.logs.files import opened
+from companion.mavlink.codec import Frame, FrameReject, Message, decode, mavlink
+from companion.mavlink.convert import TimeBase
+from companion.mavlink.identity import autopilot_name, is_autopilot
+from companion.pipeline import Observer, Pipeline
+from companion.recorded import Item, Sensed
+from companion.samples import Kind, Rows, Verdict
+from companion.settings import CompanionSettings
+
+DAY_US = 12 * 3_600_000_000
+"""a step of the stamps by this much is looked into"""
+SAME_BOOT_US = 10_000_000
+"""the boot clock may go on by this much across such a step, and the session goes on"""
+HELD_ITEMS = 200
+"""how many items may lack a boot stamp after such a step"""
+MOSTLY = 0.5
+"""share of a file that may be junk"""
+
+Seen = TypeVar("Seen", bound=Observer)
+
+
+@dataclass
+class Session(Generic[Seen]):
+    """What one session held."""
+
+    seen: Seen
+    vehicle: tuple[int, int] | None = None
+    autopilot: str = "unknown"
+    first_us: int = 0
+    """when the first item arrived: UNIX time, or boot time where the log knows no date"""
+    last_us: int = 0
+    samples: dict[Kind, Counter[Verdict]] = field(default_factory=dict)
+    left_out: Counter[str] = field(default_factory=Counter)
+    heard: Counter[int] = field(default_factory=Counter)
+    """messages of the vehicle by id"""
+    health: str = "LOST"
+    reason: str = ""
+    notes: list[str] = field(default_factory=list)
+    """who else spoke, and when the vehicle fell silent"""
+    rebooted: bool = False
+    """it began with a restart of the vehicle's clock"""
+
+    @property
+    def has_height(self) -> bool:
+        """Whether there was a barometer or a GNSS receiver at all."""
+        return any(sum(self.samples[kind].values()) for kind in (Kind.PRESSURE, Kind.GNSS))
+
+
+class Writer(Protocol):
+    """Takes the frames of a log and ours between them."""
+
+    def write(self, time_us: int, frame: bytes) -> None: ...
+
+
+class _Switch:
+    """An observer that hands on to that of the present session, and begins one at a reboot."""
+
+    def __init__(self, on_reboot: Callable[[], None]) -> None:
+        self.target: Observer
+        self._on_reboot = on_reboot
+
+    def sample(self, kind: Kind, row: Rows, verdict: Verdict, estimate: Rows) -> None:
+        if kind is Kind.STATUS and row[0]["reboot"] == 1:
+            self._on_reboot()
+        self.target.sample(kind, row, verdict, estimate)
+
+    def truth(self, time_us: int, altitude_amsl_m: float, climb_mps: float) -> None:
+        self.target.truth(time_us, altitude_amsl_m, climb_mps)
+
+    def autopilot(self, time_us: int, altitude_amsl_m: float, climb_mps: float) -> None:
+        self.target.autopilot(time_us, altitude_amsl_m, climb_mps)
+
+    def published(self, message: Message) -> None:
+        self.target.published(message)
+
+
+class _Splitter(Generic[Seen]):
+    """One pass over a log for one vehicle."""
+
+    def __init__(
+        self,
+        settings: CompanionSettings,
+        observe: Callable[[Pipeline], Seen],
+        make: Callable[[CompanionSettings, Observer], Pipeline],
+    ) -> None:
+        self.sessions: list[Session[Seen]] = []
+        self.autopilots: dict[int, int] = {}
+        """systems with an autopilot's HEARTBEAT, and how many of those"""
+        self._settings, self._observe, self._make = settings, observe, make
+        self._renew()
+
+    def _renew(self) -> None:
+        self._switch = _Switch(self._reboot)
+        self.pipeline = self._make(self._settings, self._switch)
+        self._base = _counts(self.pipeline)
+        self._begin()
+
+    def _begin(self, *, rebooted: bool = False) -> None:
+        self._open = Session(self._observe(self.pipeline), rebooted=rebooted)
+        self._switch.target = self._open.seen
+
+    def _reboot(self) -> None:
+        self.close()
+        self._begin(rebooted=True)
+
+    def close(self) -> None:
+        """End the present session, and keep it if there was anything in it."""
+        session, pipeline = self._open, self.pipeline
+        now, base = _counts(pipeline), self._base
+        self._base = now
+        session.vehicle = pipeline.identity.vehicle
+        session.autopilot = autopilot_name(pipeline.identity.autopilot)
+        session.samples = {kind: now.samples[kind] - base.samples[kind] for kind in Kind}
+        session.left_out = now.left_out - base.left_out
+        session.heard = now.heard - base.heard
+        session.notes = list(pipeline.identity.notes)
+        session.health, session.reason = pipeline.health.health.name, pipeline.health.reason
+        if session.has_height:
+            self.sessions.append(session)
+
+    def feed(self, time_us: int, item: Item) -> list[bytes]:
+        """Take in an item of the present session."""
+        if not self._open.first_us:
+            self._open.first_us = time_us
+        self._open.last_us = time_us
+        if isinstance(item, Frame) and item.message_id == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
+            message = item.message or decode(item)
+            if message is not None and is_autopilot(message):
+                self.autopilots[item.system_id] = self.autopilots.get(item.system_id, 0) + 1
+        return self.pipeline.feed_item(item, time_us)
+
+    def renew(self) -> None:
+        """Another day: nothing of the session before is of use."""
+        self.close()
+        self._renew()
+
+    def goes_on(self, boot_us: int | None) -> bool:
+        """Whether the vehicle's clock explains a step of the stamps: it went on as if nothing was."""
+        now_us = self.pipeline.now_us
+        return boot_us is None or now_us < 0 or abs(boot_us - now_us) <= SAME_BOOT_US
+
+
+@dataclass
+class _Counts:
+    samples: dict[Kind, Counter[Verdict]]
+    left_out: Counter[str]
+    heard: Counter[int]
+
+
+def _counts(pipeline: Pipeline) -> _Counts:
+    samples = {
+        kind: Counter(dict(zip(Verdict, pipeline.verdicts[kind], strict=True))) for kind in Kind
+    }
+    left_out = Counter({str(cause): n for cause, n in pipeline.intake.counters.items()})
+    return _Counts(samples, left_out, Counter(pipeline.heard))
+
+
+def sessions_of(
+    reader: LogReader,
+    settings: CompanionSettings,
+    observe: Callable[[Pipeline], Seen],
+    make: Callable[[CompanionSettings, Observer], Pipeline],
+    *,
+    writer: Writer | None = None,
+    on_progress: Callable[[float], None] | None = None,
+) -> list[Session[Seen]]:
+    """Every session of a log, the vehicle latched first before the others.
+
+    Parameters
+    ----------
+    observe : makes the observer of a new session.
+    make : makes the pipeline, as for `Pipeline(settings, datagrams=True, observer=...)`.
+    writer : gets the log's frames and ours, of the vehicle latched first.
+    on_progress : called with the share of the file that is read.
+
+    Raises `LogFormatError` when the file is mostly junk, or holds neither barometer nor GNSS.
+    """
+    first = _pass(reader, settings, observe, make, writer, on_progress)
+    refuse_junk(reader)
+    found = list(first.sessions)
+    latched = first.pipeline.identity.vehicle
+    if settings.vehicle.system_id is None:
+        for system_id in sorted(set(first.autopilots) - {latched[0] if latched else 0, 0}):
+            vehicle = settings.vehicle.model_copy(update={"system_id": system_id})
+            other = settings.model_copy(update={"vehicle": vehicle})
+            found += _pass(reader, other, observe, make, None, None).sessions
+    if not found:
+        told = "; ".join(first.pipeline.identity.notes) or "no vehicle"
+        heard = f"vehicle {latched[0]}/{latched[1]}" if latched else told
+        raise LogFormatError(
+            f"{getattr(reader, 'path', 'the log')}: nothing usable in it: {heard}, no barometer and "
+            "no GNSS height"
+        )
+    return found
+
+
+def _pass(
+    reader: LogReader,
+    settings: CompanionSettings,
+    observe: Callable[[Pipeline], Seen],
+    make: Callable[[CompanionSettings, Observer], Pipeline],
+    writer: Writer | None,
+    on_progress: Callable[[float], None] | None,
+) -> _Splitter[Seen]:
+    splitter = _Splitter(settings, observe, make)
+    for count, (time_us, item) in enumerate(_by_day(reader, splitter)):
+        sent = splitter.feed(time_us, item)
+        if writer is not None:
+            if not splitter.pipeline.heard_ourselves:  # of an earlier run: these are replaced
+                vehicle = splitter.pipeline.identity.vehicle
+                data = frame_of(item, vehicle[0] if vehicle is not None else 1)
+                if data:
+                    writer.write(time_us, data)
+            for frame in sent:
+                writer.write(time_us, frame)
+        if on_progress is not None and count % 2000 == 0:
+            on_progress(reader.position_bytes / max(1, reader.size_bytes))
+    splitter.close()
+    return splitter
+
+
+def _by_day(reader: LogReader, splitter: _Splitter[Seen]) -> Iterator[tuple[int, Item]]:
+    """The items; where a day lies between two, the splitter begins anew."""
+    held: list[tuple[int, Item]] = []
+    last_us: int | None = None
+    for time_us, item in reader.items(splitter.pipeline.wanted):
+        if held or (last_us is not None and abs(time_us - last_us) > DAY_US):
+            held.append((time_us, item))
+            boot_us = _boot_us(item)
+            if boot_us is None and len(held) < HELD_ITEMS:
+                continue
+            if not splitter.goes_on(boot_us):
+                splitter.renew()
+            yield from held
+            held = []
+        else:
+            yield time_us, item
+        last_us = time_us
+    yield from held
+
+
+def _boot_us(item: Item) -> int | None:
+    """The boot stamp in an item, where it has one."""
+    if isinstance(item, Sensed):
+        return item.reading.stamp_us if item.reading.base is TimeBase.BOOT else None
+    stamp_ms = getattr(item.message, "time_boot_ms", None) if isinstance(item, Frame) else None
+    return stamp_ms * 1000 if stamp_ms else None
+
+
+def refuse_junk(reader: LogReader) -> None:
+    """Raise `LogFormatError` when most of a file belongs to no message; zeros do not count."""
+    path, junk = getattr(reader, "path", None), reader.counters[FrameReject.JUNK]
+    if path is None or junk <= MOSTLY * reader.size_bytes:
+        return
+    zeros = 0
+    with opened(path) as file:
+        while chunk := file.read(1 << 20):
+            zeros += len(chunk) - int(np.count_nonzero(np.frombuffer(chunk, np.uint8)))
+    if junk - zeros > MOSTLY * max(1, reader.size_bytes - zeros):
+        raise LogFormatError(
+            f"{path}: mostly junk: only {reader.frames} frames could be read, {junk} of "
+            f"{reader.size_bytes} bytes belong to none"
+        )

@@ -1,0 +1,265 @@
+"""What a session was, as plain data: the objects of the report schema.
+
+The schema is one for replay, compare and batch, and is described in ``docs/report-schema.md``. A
+change of meaning or the removal of a key raises `VERSION`; new keys do not.
+
+Without a simulator's truth nothing is called an error: heights are held against the smoother of
+barometer and GNSS, and the keys are the same with ``reference.kind`` "smoother".
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from companion import __version__
+from companion.evaluation.integrity import coverage
+from companion.evaluation.metrics import Array, errors, truth_at
+from companion.evaluation.smoother import Smoothed, smooth
+from companion.mavlink.codec import FrameReject
+from companion.replay.record import Recording
+from companion.replay.sessions import Session
+from companion.replay.verdict import verdict
+from companion.samples import FaultySensor, Kind, Rows, Verdict
+
+VERSION = "kollsman-report/1"
+SETTLE_S = 60.0
+UNIX_US = 1_000_000_000_000_000
+"""A stamp above this is UNIX time (2001 and later)."""
+SOURCES = {
+    "estimate": "Kollsman",
+    "published": "Kollsman, not LOST",
+    "autopilot": "autopilot's own",
+    "gnss": "raw GNSS",
+    "baro": "raw barometer",
+}
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What heights are held against."""
+
+    kind: str
+    """truth, smoother or none"""
+    time_us: Array
+    altitude_m: Array
+    sd_m: float = math.nan
+    """median of what it knows of itself; NaN for truth"""
+    smoothed: Smoothed | None = None
+
+    def at(self, time_us: Array) -> Array:
+        """Its altitude at other times; NaN where it has none."""
+        if self.kind == "smoother" and self.smoothed is not None:
+            return self.smoothed.at(time_us)
+        return truth_at(time_us, self.time_us, self.altitude_m)
+
+
+def reference_of(recording: Recording) -> Reference:
+    """Truth where the log has it, else the smoother, else nothing."""
+    times_us, altitudes_m = recording.track("truth")
+    if times_us.size > 1:
+        return Reference("truth", times_us, altitudes_m)
+    smoothed = smooth(recording.measured())
+    if smoothed is None:
+        return Reference("none", np.zeros(0), np.zeros(0))
+    sd_m = float(np.median(smoothed.sd_m))
+    return Reference("smoother", smoothed.time_us, smoothed.altitude_m, sd_m, smoothed)
+
+
+def document(command: str, log: str, sessions: Sequence[dict[str, Any]], **more: Any) -> Any:
+    """The top of the schema around the sessions of one log."""
+    head = {"schema": VERSION, "kollsman": __version__, "command": command, "log": log}
+    return plain(head | more | {"sessions": list(sessions)})
+
+
+def summarise(
+    session: Session[Recording],
+    number: int,
+    estimator: str,
+    settle_s: float = SETTLE_S,
+    reference: Reference | None = None,
+) -> dict[str, Any]:
+    """One object of ``sessions``: JSON-ready, unknown is None."""
+    recording = session.seen
+    reference = reference or reference_of(recording)
+    ticks = recording.ticks()
+    first_us = int(ticks["time_us"][0]) if ticks.size else 0
+    last_us = int(ticks["time_us"][-1]) if ticks.size else 0
+    settle_s = min(settle_s, 0.5 * (last_us - first_us) * 1e-6)  # a short session has half of it
+    start_us = first_us + settle_s * 1e6
+    found: dict[str, Any] = {
+        "session": number,
+        "vehicle": "/".join(map(str, session.vehicle)) if session.vehicle else None,
+        "autopilot": session.autopilot,
+        "start_utc": utc(session.first_us),
+        "start_boot_s": first_us * 1e-6,
+        "duration_s": (last_us - first_us) * 1e-6,
+        "after_reboot": session.rebooted,
+        "estimator": estimator,
+        "settle_s": settle_s,
+        "health": {
+            "at_end": session.health,
+            "reason": session.reason,
+            "share": recording.health_shares(),
+        },
+        "notes": session.notes,
+        "samples": _samples(session),
+        "left_out": {cause: n for cause, n in session.left_out.items() if n},
+        "suspect": recording.suspected(),
+        "altitude": _altitude(recording, ticks, start_us),
+        "exclusions": exclusions(ticks),
+        "gnss": _gnss(recording, reference, start_us),
+        "barometer": _barometer(recording, reference),
+        "reference": {"kind": reference.kind, "sd_m": reference.sd_m},
+        "sources": _sources(recording, reference, start_us),
+    }
+    found |= verdict(found)
+    return found
+
+
+def _samples(session: Session[Recording]) -> dict[str, dict[str, int]]:
+    return {
+        kind.name.lower(): {v.name.lower(): counts[v] for v in Verdict if counts[v]}
+        for kind, counts in session.samples.items()
+        if sum(counts.values())
+    }
+
+
+def _altitude(recording: Recording, ticks: Rows, start_us: float) -> dict[str, Any]:
+    estimate = ticks["estimate"]
+    known = np.isfinite(np.asarray(estimate["altitude_amsl_m"]))
+    rows: Rows = estimate[known]
+    late = (np.asarray(ticks["time_us"]) >= start_us)[known]
+    settled: Rows = rows[late] if late.any() else rows
+    found: dict[str, Any] = {"estimates": int(known.sum()), "published": recording.published_count}
+    if not rows.size:
+        return found
+    altitude_m, climb_mps = (np.asarray(rows[n]) for n in ("altitude_amsl_m", "climb_mps"))
+    return found | {
+        "first_m": altitude_m[0],
+        "last_m": altitude_m[-1],
+        "min_m": altitude_m.min(),
+        "max_m": altitude_m.max(),
+        "median_sd_m": _median(settled["altitude_sd_m"]),
+        "median_level_m": _median(settled["protection_level_m"]),
+        "max_climb_mps": _extreme(climb_mps, np.nanmax),
+        "max_sink_mps": _extreme(climb_mps, np.nanmin),
+        "above_takeoff_last_m": rows["height_above_takeoff_m"][-1],
+        "qnh_hpa": rows["qnh_pa"][-1] * 0.01,
+        "qnh_sd_hpa": rows["qnh_sd_pa"][-1] * 0.01,
+        "baro_offset_m": rows["baro_offset_m"][-1],
+    }
+
+
+def exclusions(ticks: Rows) -> list[dict[str, Any]]:
+    """When the estimator had excluded a sensor: which, from when, for how long."""
+    faulty = np.asarray(ticks["estimate"]["faulty"])
+    times_us = np.asarray(ticks["time_us"])
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], faulty, [0]])))
+    found = []
+    for start, end in pairwise(edges.tolist()):
+        if start < faulty.size and faulty[start]:
+            stop = min(end, faulty.size - 1)
+            found.append(
+                {
+                    "sensor": FaultySensor(int(faulty[start])).name.lower(),
+                    "from_s": (times_us[start] - times_us[0]) * 1e-6,
+                    "duration_s": (times_us[stop] - times_us[start]) * 1e-6,
+                }
+            )
+    return found
+
+
+def _gnss(recording: Recording, reference: Reference, start_us: float) -> dict[str, Any]:
+    rows = recording.rows
+    fixes = rows[(np.asarray(rows["kind"]) == Kind.GNSS) & (np.asarray(rows["instance"]) == 0)]
+    if not fixes.size:
+        return {"fixes": 0}
+    with_fix = np.asarray(fixes["fix_type"]) >= 3
+    found: dict[str, Any] = {
+        "fixes": int(fixes.size),
+        "share_3d": float(with_fix.mean()),
+        "median_sd_m": _median(np.asarray(fixes["gnss_sd_m"])[with_fix]),
+        "median_satellites": _median(np.asarray(fixes["satellites"])[with_fix]),
+    }
+    times_us, altitude_m = recording.track("gnss")
+    late = times_us >= start_us
+    differences = errors(altitude_m[late], reference.at(times_us[late]))
+    return found | {"wander_m": differences.unbiased_rmse_m if differences else math.nan}
+
+
+def _barometer(recording: Recording, reference: Reference) -> dict[str, Any]:
+    """How the barometer's offset to the reference moved: over the session, and in an hour."""
+    times_us, height_m = recording.track("baro")
+    offset_m = height_m - reference.at(times_us)
+    known = np.isfinite(offset_m)
+    if known.sum() < 10:
+        return {}
+    offset_m, time_s = offset_m[known], times_us[known] * 1e-6
+    span_s = time_s[-1] - time_s[0]
+    part = max(1, offset_m.size // 20)
+    drift_m = float(np.median(offset_m[-part:]) - np.median(offset_m[:part]))
+    per_hour = drift_m / span_s * 3600.0 if span_s >= 300.0 else math.nan
+    lows, highs = np.percentile(offset_m, [2.5, 97.5])
+    return {"drift_m": drift_m, "drift_m_per_h": per_hour, "range_m": float(highs - lows)}
+
+
+def _sources(recording: Recording, reference: Reference, start_us: float) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name, label in SOURCES.items():
+        times_us, altitude_m = recording.track(name)
+        late = times_us >= start_us
+        differences = errors(altitude_m[late], reference.at(times_us[late]))
+        if differences is not None:
+            found[name] = {"label": label, **differences.as_dict()}
+    if "estimate" in found:
+        rows = recording.ticks()
+        estimate = rows["estimate"][np.isfinite(rows["estimate"]["altitude_amsl_m"])]
+        late = np.asarray(estimate["time_us"]) >= start_us
+        times_us = np.asarray(estimate["time_us"], np.float64)[late]
+        error_m = np.asarray(estimate["altitude_amsl_m"])[late] - reference.at(times_us)
+        if reference.kind == "truth":
+            covered = coverage(error_m, np.asarray(estimate["altitude_sd_m"])[late])
+            found["estimate"] |= {"nees": covered.nees, "coverage_2": covered.within_2}
+    return found
+
+
+def damage(counters: Any) -> dict[str, int]:
+    """What the reader left out, by cause."""
+    return {str(cause): n for cause, n in counters.items() if n and isinstance(cause, FrameReject)}
+
+
+def utc(time_us: int) -> str | None:
+    """ISO 8601, or None where the log knows no date."""
+    if not UNIX_US < time_us < 32_503_680_000_000_000:
+        return None
+    return datetime.fromtimestamp(time_us * 1e-6, UTC).isoformat(timespec="milliseconds")
+
+
+def _median(values: Any) -> float:
+    values = np.asarray(values, np.float64)
+    values = values[np.isfinite(values)]
+    return float(np.median(values)) if values.size else math.nan
+
+
+def _extreme(values: Array, choose: Any) -> float:
+    return float(choose(values)) if np.isfinite(values).any() else math.nan
+
+
+def plain(value: Any) -> Any:
+    """Python numbers, and None for what is not finite, so that the result is JSON."""
+    if isinstance(value, dict):
+        return {str(key): plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(each) for each in value]
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    if isinstance(value, int | np.integer):
+        return int(value)
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value

@@ -1,0 +1,19 @@
+"""The Earth's magnetic field as the simulated vehicle's compass sees it."""
+
+import math
+
+from sim.aircraft_state import Truth
+
+_EARTH_FIELD_MGAUSS = (215.0, 8.0, 425.0)
+"""north, east, down; World Magnetic Model at 47 N 8 E"""
+
+
+def field_b_mgauss(truth: Truth) -> tuple[float, float, float]:
+    """The Earth's magnetic field in the body's axes, milligauss."""
+    north, east, down = _EARTH_FIELD_MGAUSS
+    cr, sr = math.cos(truth.roll_rad), math.sin(truth.roll_rad)
+    cp, sp = math.cos(truth.pitch_rad), math.sin(truth.pitch_rad)
+    cy, sy = math.cos(truth.yaw_rad), math.sin(truth.yaw_rad)
+    ahead, right = cy * north + sy * east, cy * east - sy * north
+    below = sp * ahead + cp * down
+    return cp * ahead - sp * down, cr * right + sr * below, cr * below - sr * right

@@ -344,6 +344,7 @@ def reproduce(
 
 
 app.command(epilog=evaluation.EXAMPLES)(evaluation.evaluate)
+app.command(epilog=fleet.FEEDBACK_EXAMPLES)(fleet.feedback)
 
 
 def _report_share(bar: "Bar", task: "TaskID", name: str, fraction: float, what: str) -> None:

@@ -293,7 +293,9 @@ def test_a_vehicle_that_does_not_respond_is_not_written_to_for_long() -> None:
     bench.follows = False
     bench.fly(0.05, 600.0)
     assert bench.feedback.hold is Hold.UNFOLLOWED
-    assert abs(bench.values["BARO_ALT_OFFSET"]) < 11.0  # 5 m, 5 % of the height, the lag of the filter
+    assert (
+        abs(bench.values["BARO_ALT_OFFSET"]) < 11.0
+    )  # 5 m, 5 % of the height, the lag of the filter
 
 
 def test_a_height_that_leaves_the_barometer_freezes_it() -> None:
@@ -441,7 +443,7 @@ def test_height_above_take_off_does_not_jump_by_an_error_of_the_datum() -> None:
 
 def crashed(bench: Bench, **changes: object) -> Bench:
     """The next start of the program, with the mark that the last one has left."""
-    after = Bench(mark=replace(bench.marks[-1], **changes), mode=bench.settings.mode)  # type: ignore[type-var, arg-type]
+    after = Bench(mark=replace(bench.marks[-1], **changes), mode=bench.settings.mode)  # type: ignore[type-var]
     for name in ("values", "time_s", "armed", "height_m", "drift_m", "drift_mps", "_effect_m"):
         setattr(after, name, getattr(bench, name))
     return after

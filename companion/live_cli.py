@@ -240,7 +240,8 @@ def format_status(status: "Status") -> str:
 def _stop_signals() -> Iterator[list[int]]:
     """SIGINT, SIGTERM and SIGHUP ask for a clean stop; a second SIGINT is an ordinary interrupt.
 
-    A signal that was ignored at the start (SIGHUP under nohup) stays ignored.
+    SIGHUP stays ignored under nohup. SIGINT does not: shells start background jobs with it ignored,
+    and whoever sends it all the same means it.
     """
     received: list[int] = []
 
@@ -252,7 +253,7 @@ def _stop_signals() -> Iterator[list[int]]:
     before = {
         number: signal.signal(number, stop)
         for number in STOP_SIGNALS
-        if signal.getsignal(number) is not signal.SIG_IGN
+        if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN
     }
     try:
         yield received

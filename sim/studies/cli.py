@@ -160,8 +160,9 @@ def feedback(
 ) -> None:
     """Measure the feedback: a vehicle that flies by its own altitude, with and without it, through
     drifts, faults and weather."""
+    from companion.jobs import executor_of
     from sim.studies import feedback as measured
-    from sim.studies.runs import executor_of, kept_parts
+    from sim.studies.runs import kept_parts
 
     cases = measured.CASES + (measured.HOURS if hours else ())
     with (

@@ -413,7 +413,7 @@ class Pipeline:
         self.checker.sample(kind, row)
         verdict = self.filter.step(kind, row)
         self.verdicts[kind][verdict] += 1
-        if row[0]["instance"] == 0:
+        if row[0]["instance"] == 0 or verdict is Verdict.USED:
             self.health.sample(kind, verdict, self.now_us, int(row[0]["arrival_us"]))
         self.outputs.sample(kind, row, verdict, self.filter.estimate)
         if self._observer is not None:

@@ -14,6 +14,7 @@ import typer
 from companion.errors import KollsmanError
 from sim.flight_cli import DemoTable, print_summary, run_with_progress
 from sim.studies import cli as fleet
+from sim.studies import limits_cli
 from sim.studies.goals import cli as evaluation
 
 if TYPE_CHECKING:
@@ -315,6 +316,9 @@ def reproduce(
         int | None,
         typer.Option(min=2, help="Monte-Carlo runs a paper. Default: each paper's own number."),
     ] = None,
+    seed_root: Annotated[
+        int, typer.Option(min=0, help="Another number draws other random numbers.", metavar="N")
+    ] = 0,
     out: Annotated[
         Path, typer.Option(help="Folder of the pages and figures.", metavar="DIR")
     ] = Path("out/papers"),
@@ -324,8 +328,11 @@ def reproduce(
     from rich.console import Console
     from rich.progress import Progress as ProgressBar
 
+    from sim.studies.page import SEED_ROOT
     from sim.studies.papers import PAPERS
     from sim.studies.papers.page import summary
+
+    SEED_ROOT.set(seed_root)
 
     keys = list(dict.fromkeys(key.upper() for key in papers or PAPERS))
     unknown = [key for key in keys if key not in PAPERS]
@@ -344,6 +351,7 @@ def reproduce(
 
 
 app.command(epilog=evaluation.EXAMPLES)(evaluation.evaluate)
+app.command(epilog=limits_cli.EXAMPLES)(limits_cli.limits)
 
 
 def _report_share(bar: "Bar", task: "TaskID", name: str, fraction: float, what: str) -> None:

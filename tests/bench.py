@@ -24,10 +24,12 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from statistics import median
+from typing import Any
 
 import numpy as np
 
 from companion.mavlink.codec import Decoder, Encoder, Message, mavlink
+from companion.settings import CompanionSettings
 from sim import STEPS_PER_TICK, TICK_US
 from sim.flight import Flight
 from sim.scenario import Scenario, load_scenario
@@ -52,7 +54,16 @@ Row = tuple[str, str, str]
 
 def main() -> None:
     rows: list[Row] = []
-    parts = (start_up, latency, load_and_memory, simulator, long_flights, campaigns, estimators)
+    parts = (
+        start_up,
+        latency,
+        load_and_memory,
+        simulator,
+        long_flights,
+        campaigns,
+        estimators,
+        logs,
+    )
     for part in [part for part in parts if part.__name__ in sys.argv[1:]] or parts:
         print(f"measuring: {part.__name__.replace('_', ' ')} ...", file=sys.stderr, flush=True)
         rows += part()
@@ -476,6 +487,67 @@ def estimators() -> list[Row]:
             (f"`{name}`, a sample in the compiled loop", f"{1e6 * best_s / len(log):.2f} us", "")
         )
     return rows
+
+
+def logs() -> list[Row]:
+    """Reading and replaying logs, on one simulated flight repeated to 50 MB; by processor time, which
+    other programs do not change."""
+    import struct
+
+    from pymavlink import mavutil
+
+    from companion.logs import dataflash
+    from companion.logs.tlog import TlogReader
+    from companion.pipeline import Pipeline
+    from companion.replay.run import replay
+    from tests import logfiles
+
+    rows: list[Row] = []
+    with tempfile.TemporaryDirectory() as folder:
+        hop, large = Path(folder) / "hop.tlog", Path(folder) / "large.tlog"
+        Flight(load_scenario("short-hop"), tlog=hop).run()
+        packets = list(TlogReader(hop))
+        once = b"".join(struct.pack(">Q", time) + data for time, data in packets)
+        large.write_bytes(once * (50_000_000 // len(once) + 1))
+        reader = TlogReader(large)
+        scan_s = min(spent(lambda: sum(b.rows.size for b in reader._batches(1e18))) for _ in (1, 2))
+        frames = len(packets) * (large.stat().st_size // len(once))
+        wanted = Pipeline(CompanionSettings(), datagrams=True).wanted
+        items_s = spent(lambda: sum(1 for _ in reader.items(wanted)))
+        decode_s = spent(lambda: read_all(mavutil.mavlink_connection(str(hop))))
+        replay(hop)
+        replay_s = spent(lambda: replay(hop))
+        theirs, ours = len(packets) / decode_s, frames / scan_s
+        mb_s = large.stat().st_size * 1e-6 / scan_s
+        scan = f"{ours * 1e-6:.1f} million/s, {mb_s:.0f} MB/s"
+        rows.append(
+            ("tlog scan with checksums", f"{scan}, {ours / theirs:.0f} x pymavlink", "100 x")
+        )
+        rows.append(("tlog frames with decoded messages", f"{frames / items_s / theirs:.0f} x", ""))
+        ratio = f"{replay_s / decode_s:.2f} x pymavlink's decoding alone"
+        flown_s = (packets[-1].time_us - packets[0].time_us) * 1e-6
+        rows.append(("replay of a 50 Hz log", f"{flown_s / replay_s:.0f} x real time", "10,000 x"))
+        rows.append(("replay of a 50 Hz log, processor time", ratio, "1 x"))
+        path, _ = logfiles.write("bin", Path(folder), imu_hz=400.0)
+        data = np.frombuffer(path.read_bytes() * 8, np.uint8)
+        dataflash._index(data)
+        rate = data.size * 1e-6 / spent(lambda: dataflash._index(data))
+        rows.append(("dataflash .bin scan", f"{rate:.0f} MB/s", "200 MB/s"))
+    return rows
+
+
+def spent(action: Callable[[], object]) -> float:
+    """Processor time of an action."""
+    before_s = time.process_time()
+    action()
+    return time.process_time() - before_s
+
+
+def read_all(log: Any) -> None:
+    """Decode every message of a pymavlink log."""
+    while log.recv_msg() is not None:
+        pass
+    log.close()
 
 
 if __name__ == "__main__":

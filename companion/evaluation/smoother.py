@@ -14,22 +14,26 @@ k      static-port coefficient: the barometer reads high by k times the dynamic 
        taken from the ground speed
 l      lag of the barometer: it reads what was l seconds ago
 g      slow error of the GNSS height
+e      fast error of the barometer, 1.2 m over a minute
 =====  ======================================================================================
 
 The priors are those that served four flights with precise truth (the project's notes on real
-barometers): scale 5 %, k 0 +- 0.15, lag 0 +- 0.5 s, drift 0.002 m/s over 1800 s. White noise has
-room for stamps that jitter: 0.3 s of climb. Breaks when GNSS lies for minutes: one receiver and one
+barometers): scale 5 %, k 0 +- 0.15, lag 0 +- 0.5 s, drift 0.001 to 0.05 m/s over 1800 s, fast error
+1.2 m over 60 s. White noise has
+room for stamps that jitter: 0.3 s of climb. The drift of the session, calm to stormy, is the one of
+`WEATHERS` that makes its innovations most likely. Breaks when GNSS lies for minutes: one receiver and one
 barometer cannot tell who moved.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from companion.evaluation.metrics import Array
 from companion.kernels.atmosphere import baro_altitude_array
+from companion.kernels.rts import backward, forward
 from companion.samples import Kind, SampleLog
 
 STEP_S = 0.5
@@ -38,21 +42,27 @@ MOST_NODES = 2_000_000
 UNKNOWN_GNSS_SD_M = 10.0
 LONGEST_GAP_S = 60.0
 """no altitude inside longer gaps between measurements"""
-H, V, B, D, S, K, L, G = range(8)
-SIZE = 8
-START_SD = (500.0, 20.0, 300.0, 0.002, 0.05, 0.15, 0.5, 0.0)
+H, V, B, D, S, K, L, G, E = range(9)
+SIZE = 9
+START_SD = (15.0, 20.0, 300.0, 0.0, 0.05, 0.15, 0.5, 0.0, 1.2)
+"""of the state before the first measurement; that of d and g depends on the session"""
 CLIMB_WALK = 1.0
 """m/s per square root of a second"""
-OFFSET_WALK = 0.02
-DRIFT_SD_MPS, DRIFT_S = 0.002, 1800.0
-SCALE_WALK = 2e-5
+WEATHERS = ((0.001, 0.02, 2e-5), (0.01, 0.1, 2e-4), (0.05, 0.3, 6e-4))
+"""(sd of the drift rate in m/s, walk of the offset in m per square root of a second, walk of the
+scale per square root of a second); the session's is the one under which its innovations are most
+likely"""
+DRIFT_S = 1800.0
+FAST_SD_M, FAST_S = 1.2, 60.0
 GNSS_SLOW_S = 250.0
 SLOW_SHARE, WHITE_SHARE = 0.8, 0.6
 """of the receiver's reported accuracy: how much of it is slow, how much is new each second"""
 BARO_WHITE_M, JITTER_S = 0.7, 0.3
 LEAST_GNSS_SD_M = 1.0
+FIRST_FIXES = 9
+"""whose median is where the altitude begins"""
 GATE = 5.0
-"""innovations beyond this many standard deviations are left out"""
+"""innovations beyond this many standard deviations lose weight"""
 G0 = 9.80665
 
 
@@ -124,13 +134,27 @@ class _Nodes:
     """change of the barometer's height"""
 
 
+class _Pass(NamedTuple):
+    """A filter over the nodes: means and covariances after and before each update."""
+
+    log_likelihood: float
+    F: Array
+    means: NDArray[Any]
+    covariances: NDArray[Any]
+    predicted: NDArray[Any]
+    predicted_p: NDArray[Any]
+
+
 def smooth(measured: Measured) -> Smoothed | None:
     """The smoothed altitude; None without both a barometer and a GNSS receiver."""
     nodes = _nodes(measured)
     if nodes is None:
         return None
-    means, covariances, predicted, predicted_p = _forward(nodes)
-    means, covariances = _backward(means, covariances, predicted, predicted_p)
+    passes = [_forward(nodes, weather) for weather in WEATHERS]
+    best = max(passes, key=lambda each: each.log_likelihood)
+    means, covariances = best.means, best.covariances
+    scratch = np.zeros((2, SIZE, SIZE)), np.zeros((SIZE, SIZE))
+    backward(best.F, means, covariances, best.predicted, best.predicted_p, *scratch)
     altitude_m = means[:, H].copy()
     altitude_m[_in_gap(nodes)] = np.nan
     spread = np.sqrt(np.maximum(covariances[:, [H, V], [H, V]], 0.0))
@@ -173,81 +197,51 @@ def _mean(values: Any, time_us: Any, start_s: float, count: int) -> tuple[Array,
         return total / number, number
 
 
-def _forward(nodes: _Nodes) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """The Kalman filter over the nodes: means and covariances after and before each update."""
+def _forward(nodes: _Nodes, weather: tuple[float, float, float]) -> _Pass:
+    """The Kalman filter over the nodes."""
     count = nodes.time_s.size
-    means, covariances = np.zeros((count, SIZE)), np.zeros((count, SIZE, SIZE))
-    predicted, predicted_p = np.zeros_like(means), np.zeros_like(covariances)
-    F, Q = _model()
-    baro0 = nodes.baro_m[np.isfinite(nodes.baro_m)][0]
+    F, Q = _model(weather)
     sd = np.maximum(np.where(np.isfinite(nodes.gnss_sd_m), nodes.gnss_sd_m, 0), LEAST_GNSS_SD_M)
     slow_sd_m = SLOW_SHARE * float(np.median(sd[np.isfinite(nodes.gnss_m)]))
     Q[G, G] = slow_sd_m**2 * (1 - F[G, G] ** 2)
+    baro0 = nodes.baro_m[np.isfinite(nodes.baro_m)][0]
     x = np.zeros(SIZE)
-    x[H] = nodes.gnss_m[np.isfinite(nodes.gnss_m)][0]
+    x[H] = np.median(nodes.gnss_m[np.isfinite(nodes.gnss_m)][:FIRST_FIXES])
     x[B] = baro0 - x[H]
     P = np.diag(np.square(START_SD))
-    P[G, G] = slow_sd_m**2
-    observe = np.zeros(SIZE)
-    for i in range(count):
-        if i:
-            x, P = F @ x, F @ P @ F.T + Q
-        predicted[i], predicted_p[i] = x, P
-        if nodes.gnss_m[i] == nodes.gnss_m[i]:
-            observe[:] = 0.0
-            observe[H] = observe[G] = 1.0
-            x, P = _update(x, P, observe, nodes.gnss_m[i], (WHITE_SHARE * sd[i]) ** 2)
-        if nodes.baro_m[i] == nodes.baro_m[i]:
-            observe[:] = 0.0
-            observe[H] = observe[B] = 1.0
-            observe[S] = nodes.baro_m[i] - baro0
-            observe[K] = nodes.head_m[i]
-            observe[L] = -nodes.rate_mps[i]
-            white = BARO_WHITE_M**2 + (JITTER_S * nodes.rate_mps[i]) ** 2
-            x, P = _update(x, P, observe, nodes.baro_m[i], white)
-        means[i], covariances[i] = x, P
-    return means, covariances, predicted, predicted_p
+    P[D, D], P[G, G] = weather[0] ** 2, slow_sd_m**2
+    h, R = np.zeros((count, 2, SIZE)), np.zeros((count, 2))
+    h[:, 0, [H, G]] = 1.0
+    h[:, 1, [H, B, E]] = 1.0
+    h[:, 1, S] = np.nan_to_num(nodes.baro_m - baro0)
+    h[:, 1, K], h[:, 1, L] = nodes.head_m, -nodes.rate_mps
+    R[:, 0] = (WHITE_SHARE * sd) ** 2
+    R[:, 1] = BARO_WHITE_M**2 + (JITTER_S * nodes.rate_mps) ** 2
+    z = np.stack([nodes.gnss_m, nodes.baro_m], axis=1)
+    means, covariances = np.zeros((count, SIZE)), np.zeros((count, SIZE, SIZE))
+    predicted, predicted_p = np.zeros_like(means), np.zeros_like(covariances)
+    kept = (means, covariances, predicted, predicted_p)
+    log_likelihood = forward(F, Q, x, P, h, z, R, GATE, *kept, np.zeros((SIZE, SIZE)))
+    return _Pass(log_likelihood, F, *kept)
 
 
-def _model() -> tuple[Array, Array]:
+def _model(weather: tuple[float, float, float]) -> tuple[Array, Array]:
+    """Transition and process noise of one step."""
+    drift_sd_mps, offset_walk, scale_walk = weather
     F, Q = np.eye(SIZE), np.zeros((SIZE, SIZE))
     F[H, V] = STEP_S
     F[B, D] = STEP_S
     F[D, D] = np.exp(-STEP_S / DRIFT_S)
     F[G, G] = np.exp(-STEP_S / GNSS_SLOW_S)
+    F[E, E] = np.exp(-STEP_S / FAST_S)
+    Q[E, E] = FAST_SD_M**2 * (1 - F[E, E] ** 2)
     q = CLIMB_WALK**2
     Q[H, H], Q[V, V] = q * STEP_S**3 / 3, q * STEP_S
     Q[H, V] = Q[V, H] = q * STEP_S**2 / 2
-    Q[B, B] = OFFSET_WALK**2 * STEP_S
-    Q[D, D] = DRIFT_SD_MPS**2 * (1 - F[D, D] ** 2)
-    Q[S, S] = SCALE_WALK**2 * STEP_S
+    Q[B, B] = offset_walk**2 * STEP_S
+    Q[D, D] = drift_sd_mps**2 * (1 - F[D, D] ** 2)
+    Q[S, S] = scale_walk**2 * STEP_S
     return F, Q
-
-
-def _update(
-    x: Array, P: Array, observe: Array, value: float, variance: float
-) -> tuple[Array, Array]:
-    innovation = value - observe @ x
-    cross = P @ observe
-    total = observe @ cross + variance
-    if innovation**2 > GATE**2 * total:
-        return x, P
-    gain = cross / total
-    reduced = P - np.outer(gain, cross)
-    return x + gain * innovation, 0.5 * (reduced + reduced.T)
-
-
-def _backward(
-    means: NDArray[Any], covariances: NDArray[Any], predicted: NDArray[Any], before: NDArray[Any]
-) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Rauch, Tung and Striebel: from the last node to the first."""
-    F, _ = _model()
-    means, smooth_p = means.copy(), covariances.copy()
-    for i in range(means.shape[0] - 2, -1, -1):
-        gain = np.linalg.solve(before[i + 1], F @ covariances[i]).T
-        means[i] += gain @ (means[i + 1] - predicted[i + 1])
-        smooth_p[i] += gain @ (smooth_p[i + 1] - before[i + 1]) @ gain.T
-    return means, smooth_p
 
 
 def _in_gap(nodes: _Nodes) -> NDArray[np.bool_]:

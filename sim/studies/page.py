@@ -16,6 +16,7 @@ import io
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from itertools import cycle
 from pathlib import Path
@@ -26,9 +27,10 @@ from numpy.typing import ArrayLike
 
 from companion.estimators import DEFAULT_ESTIMATOR, ESTIMATORS
 
-TRUTH, BARO, GNSS, INERTIAL = "#222222", "#d1772a", "#3874b8", "#8a5aa8"
-FUSED, OTHER, BOUND = "#21854c", "#b8403a", "#8c8c8c"
-_OTHERS = (OTHER, "#c9a227", "#3aa6a6", "#5b6bd6", "#9a9a9a", "#d48fbf")
+TRUTH, BARO, GNSS, INERTIAL = "#222222", "#d55e00", "#0072b2", "#cc79a7"
+FUSED, OTHER, BOUND = "#009e73", "#e69f00", "#8c8c8c"
+# The palette of Okabe and Ito (2008), which colour-blind readers can tell apart.
+_OTHERS = ("#d55e00", "#0072b2", "#cc79a7", "#e69f00", "#56b4e9", "#5b4b00")
 ESTIMATOR_COLOURS = {DEFAULT_ESTIMATOR: FUSED} | dict(
     zip((name for name in ESTIMATORS if name != DEFAULT_ESTIMATOR), cycle(_OTHERS), strict=False)
 )
@@ -73,6 +75,9 @@ class Spread:
         return f"{self.mean:.{decimals}f} ± {self.sd:.{decimals}f}"
 
 
+SEED_ROOT: ContextVar[int] = ContextVar("SEED_ROOT", default=0)
+"""Root of the random numbers of `generators`: another one draws other numbers for all studies."""
+
 Value = float | str | Spread | None
 
 
@@ -85,7 +90,8 @@ def spread(values: ArrayLike) -> Spread:
 def generators(key: str, seeds: int) -> list[np.random.Generator]:
     """One random generator a Monte-Carlo run of study `key`: the first n are the same however many
     are asked for."""
-    root = np.random.SeedSequence([ord(letter) for letter in key])
+    drawn = [SEED_ROOT.get()] if SEED_ROOT.get() else []
+    root = np.random.SeedSequence([ord(letter) for letter in key] + drawn)
     return [np.random.default_rng(child) for child in root.spawn(seeds)]
 
 

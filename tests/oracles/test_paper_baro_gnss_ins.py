@@ -46,8 +46,11 @@ def test_the_measured_altitude_in_the_row_drives_the_scale_factor() -> None:
 
 
 def test_row_of_the_barometer() -> None:
-    printed, numeric = paper.baro_row(480.0, 0.02)
-    np.testing.assert_allclose(printed, numeric, rtol=1e-9)
+    """The estimator's own: -1, -dt_b, -1 and the held altitude in the place of h_p."""
+    row, numeric = paper.baro_row(0.02)
+    np.testing.assert_allclose(numeric, [-1.0, -0.02, -1.0, -480.0], rtol=1e-4)
+    np.testing.assert_allclose(row[:3], numeric[:3], rtol=1e-6)
+    assert row[3] == pytest.approx(-480.5, rel=0.01)
 
 
 def test_level_flight_has_rank_one_and_a_climb_two() -> None:

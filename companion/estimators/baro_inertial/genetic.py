@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 Gains = tuple[float, float, float]
+Selection = Callable[[list[int], Callable[[int], float], np.random.Generator], int]
+"""(population, cost, random numbers) -> a parent."""
 
 BITS = 5
 RANGES = ((0.0, 3.0), (0.0, 1.0), (0.0, 1.0))
@@ -62,8 +64,11 @@ def search(
     random: np.random.Generator,
     generations: int = GENERATIONS,
     on_progress: Callable[[float], None] | None = None,
+    selection: Selection | None = None,
 ) -> Search:
-    """The paper's steps 1-5: the string with the lowest cost that was found."""
+    """The paper's steps 1-5: the string with the lowest cost that was found; parents by tournament
+    unless another `selection` is given."""
+    select = selection or tournament
     known: dict[int, float] = {}
 
     def price(string: int) -> float:
@@ -76,7 +81,7 @@ def search(
     for generation in range(generations):
         children: list[int] = []
         for _ in range(POPULATION // 2):
-            pair = _tournament(population, price, random), _tournament(population, price, random)
+            pair = select(population, price, random), select(population, price, random)
             children += _crossover(*pair, random)
             children += [
                 _mutate(parent, mutation_probability(generation), random) for parent in pair
@@ -89,12 +94,22 @@ def search(
     return Search(best, price(best), tuple(history), len(known))
 
 
-def _tournament(
+def tournament(
     population: list[int], price: Callable[[int], float], random: np.random.Generator
 ) -> int:
-    """The best of a few."""
+    """The best of a few strings drawn with equal probability."""
     chosen = random.integers(0, len(population), TOURNAMENT)
     return min((population[int(index)] for index in chosen), key=price)
+
+
+def roulette(
+    population: list[int], price: Callable[[int], float], random: np.random.Generator
+) -> int:
+    """A string with a probability in proportion to 1 / cost, the paper's selection."""
+    fitness = np.array([1.0 / price(string) for string in population])
+    if not fitness.sum() > 0.0:
+        return population[int(random.integers(len(population)))]
+    return population[int(random.choice(len(population), p=fitness / fitness.sum()))]
 
 
 def _crossover(first: int, second: int, random: np.random.Generator) -> list[int]:

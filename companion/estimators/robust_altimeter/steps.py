@@ -68,6 +68,8 @@ from companion.samples import FaultySensor, Kind, Rows, Tables, readable, rows
 
 LOWEST_PA, HIGHEST_PA = 1_000.0, 120_000.0
 IMU_TIMEOUT_US = 500_000
+GNSS_WAIT_US = 5_000_000
+"""Wait for a first fix before another datum is taken."""
 
 BAROMETER, RECEIVER = int(FaultySensor.BAROMETER), int(FaultySensor.GNSS)
 
@@ -76,6 +78,7 @@ STATE = state_dtype(
     ("pair", PAIR),
     ("setting", SETTING),
     ("level_m", "f8"),  # newest pressure altitude, geopotential
+    ("first_us", "i8"),  # of the first pressure, -1 none
     ("baro_m", "f8"),  # newest barometer height
     ("innovation_m", "f8"),  # newest GNSS height less the predicted one
 )
@@ -96,7 +99,7 @@ def start(state: Rows) -> None:
     attitude_start(s.attitude)
     altimeters_start(s.pair)
     setting_start(s.setting)
-    s.level_m = math.nan
+    s.level_m, s.first_us = math.nan, -1
     s.baro_m = math.nan
     s.innovation_m = math.nan
 
@@ -164,6 +167,8 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     s.baro_m = baro_altitude_m(sample[0].pressure_pa)
     since_s = (time_us - s.pair.ins_us) * 1e-6
     s.level_m = pressure_altitude_m(sample[0].pressure_pa)
+    if s.first_us < 0:
+        s.first_us = time_us
     note_level(s.setting, s.level_m)
     if math.isnan(s.pair.datum.offset_m):
         find_datum(state, params, time_us, since_s)
@@ -186,7 +191,9 @@ def find_datum(state: Rows, params: Rows, time_us: int, since_s: float) -> None:
     datum = s.pair.datum
     if not lost(s.pair, IIG) and time_us - s.last_us[GNSS, 0] < FRESH_US:
         datum.at_m = s.pair.height_m[IIG] + since_s * s.pair.climb_mps[IIG]
-    elif s.last_us[GNSS, 0] < 0 and (is_set(s.setting) or params[0].publish == IBI):
+    elif s.last_us[GNSS, 0] >= 0 or time_us - s.first_us < GNSS_WAIT_US:
+        return
+    elif is_set(s.setting) or params[0].publish == IBI:
         datum.at_m = indicated_m(s.setting, s.level_m)
     else:
         return

@@ -52,6 +52,8 @@ from companion.samples import Record
 PER_H = 1.0 / 3600.0
 SURPRISE_SIGMA = 3.0
 SWITCH_US, SEARCH_US = 1_000_000, 10_000_000
+UNSEEN_M = 1.0
+"""What a vehicle has moved by when a motion that the IMU did not tell is first supposed."""
 DEFENDED_SD_M, KNOWN_AGAIN_M = 30.0, 10.0
 """A height without GNSS that is worse is of no use; the offset of a barometer that was wrong is
 known again when the height is."""
@@ -96,7 +98,8 @@ def suppose_baro_fault(bank: Record, jump_m: float, slide_mps: float, prior: flo
     """The most probable hypothesis, but its barometer is wrong since now."""
     top = heaviest(bank, 0, N)
     both = gnss_is_wrong(top)
-    slot = suppose(bank, top, BO if both else BA, RE if both else MO, prior)
+    end = MO - 1 if bank.outage == 1 and bank.blind == 1 else MO  # the last is of unseen faults
+    slot = suppose(bank, top, BO if both else BA, RE if both else end, prior)
     if slot >= 0:
         bank.P[slot, OFFSET, OFFSET] += jump_m * jump_m
         if not baro_is_wrong(top):
@@ -117,6 +120,7 @@ def suppose_motion(bank: Record, p: Record, is_blind: bool, elapsed_s: float) ->
     slot = suppose(bank, top, MO, BO, prior)
     if slot >= 0:
         bank.P[slot, CLIMB, CLIMB] += p.manoeuvre_mps * p.manoeuvre_mps
+        bank.P[slot, HEIGHT, HEIGHT] += UNSEEN_M * UNSEEN_M
 
 
 @step
@@ -202,7 +206,7 @@ def suppose_baro_is_well(bank: Record, p: Record, elapsed_s: float) -> None:
 
 
 @step
-def search(bank: Record, p: Record, is_alone: int) -> None:
+def search(bank: Record, p: Record) -> None:
     """Every ten seconds: a slow fault may have begun, a slide of the receiver may have ended. A
     barometer that is alone may have gone wrong unseen."""
     if bank.now_us - bank.searched_us < SEARCH_US:
@@ -213,7 +217,7 @@ def search(bank: Record, p: Record, is_alone: int) -> None:
     prior = p.slide_rate_per_h * PER_H * elapsed_s
     if not gnss_is_wrong(top):
         suppose_gnss_fault(bank, p.slide_onset_m, p.slide_sd_mps, prior, 0)
-    if is_alone == 1:
+    if bank.outage == 1 and bank.blind == 1:
         unseen = (p.fault_rate_per_h + p.slide_rate_per_h) * PER_H * elapsed_s
         suppose_after_outage(bank, p, unseen + bank.weight[MO - 1])
     elif not baro_is_wrong(top):
@@ -253,7 +257,8 @@ def ending(bank: Record, p: Record, i: int, elapsed_s: float, is_stuck: int) -> 
         time_s = p.manoeuvre_time_s if bank.blind == 1 else p.imu_fault_time_s
         return 1.0 - math.exp(-elapsed_s / time_s)
     if BA <= i < MO:
-        is_free = bank.P[i, HEIGHT, HEIGHT] > KNOWN_AGAIN_M * KNOWN_AGAIN_M
+        unknown = bank.P[i, HEIGHT, HEIGHT] > KNOWN_AGAIN_M * KNOWN_AGAIN_M
+        is_free = bank.blind == 1 and unknown
         return 0.0 if is_stuck == 1 or is_free else 1.0 - math.exp(-elapsed_s / p.baro_fault_time_s)
     if i >= RE:
         return 1.0 - math.exp(-elapsed_s / p.baro_fault_time_s)
@@ -312,5 +317,7 @@ def add_moment(bank: Record, p: Record, i: int, j: int, share: float) -> None:
             if from_fault and RATE in (k, m):
                 continue
             cov[k, m] += share * (P[k, m] + (x[k] - mixed[k]) * (x[m] - mixed[m]))
+    if from_fault and bank.outage == 1:  # its climb rested on the IMU alone
+        cov[CLIMB, CLIMB] += share * p.manoeuvre_mps**2
     if from_fault:
         cov[RATE, RATE] += share * (p.rate_sd_mps[j] ** 2 + mixed[RATE] ** 2)

@@ -25,6 +25,8 @@ from companion.kernels.gnss import gnss_sd_m
 from companion.samples import Record, Rows
 
 MUCH_BETTER = 2.0
+RTK_FLOAT, RTK_FIXED = 5, 6
+RTK_STAMP_RATIO = 0.02
 NOISE_STEP = 0.05
 MEDIAN_TO_SD = 1.4826
 DGPS_SLOW_M, DGPS_WHITE_M = 1.5, 0.4
@@ -55,9 +57,9 @@ def receiver_start(gnss: Record) -> None:
 @step
 def slow_floor_m(p: Record, fix_type: int) -> float:
     """Least slow error of a fix of this type."""
-    if fix_type >= 6:
+    if fix_type >= RTK_FIXED:
         return FIXED_SLOW_M
-    if fix_type == 5:
+    if fix_type == RTK_FLOAT:
         return FLOAT_SLOW_M
     return min(DGPS_SLOW_M, p.gnss_slow_floor_m) if fix_type == 4 else p.gnss_slow_floor_m
 
@@ -65,11 +67,18 @@ def slow_floor_m(p: Record, fix_type: int) -> float:
 @step
 def white_floor_m(p: Record, fix_type: int) -> float:
     """Least white noise of a fix of this type."""
-    if fix_type >= 6:
+    if fix_type >= RTK_FIXED:
         return FIXED_WHITE_M
-    if fix_type == 5:
+    if fix_type == RTK_FLOAT:
         return FLOAT_WHITE_M
     return min(DGPS_WHITE_M, p.gnss_white_floor_m) if fix_type == 4 else p.gnss_white_floor_m
+
+
+@step
+def stamp_ratio(fix_type: int) -> float:
+    """Share of the jitter of time stamps in a fix of this type: RTK solutions are stamped by the
+    receiver's own clock."""
+    return RTK_STAMP_RATIO if fix_type >= RTK_FLOAT else 1.0
 
 
 @step

@@ -159,6 +159,7 @@ from companion.estimators.vertical_bank.reported_accuracy import (
     note_fix,
     receiver_start,
     slow_m2,
+    stamp_ratio,
     white_m2,
 )
 from companion.estimators.vertical_bank.settings import VerticalBankSettings
@@ -187,7 +188,7 @@ LOWEST_PA, HIGHEST_PA = 1_000.0, 120_000.0
 OUTPUT_US = 100_000
 """An estimate is no older than this while there is an IMU."""
 FASTEST_CLIMB_MPS = 200.0
-OUTAGE_S = 10.0
+OUTAGE_S = 5.0
 """A barometer that went wrong in an outage of GNSS as long as this was not seen to do so."""
 SILENT_US = 2_000_000
 DATUM_SIGMA = 5.0
@@ -417,7 +418,8 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     expect_gnss(s.bank, p, slow_m2(p, sample, white), elapsed_s)
     if s.gnss.seen == 0:
         meet_gnss(state, params, fix_m)
-    R = white + timing_m2(p.timing_sd_s, s.bank.climb_mps, elapsed_s)
+    stamp_s = p.timing_sd_s * stamp_ratio(sample[0].fix_type)
+    R = white + timing_m2(stamp_s, s.bank.climb_mps, elapsed_s)
     s.gnss.innovation_m = fix_m - expected(s.bank, s.bank.H)
     if p.integrity == 1 and s.gnss.seen == 1 and s.baro.seen == 1:
         if elapsed_s > OUTAGE_S:
@@ -599,10 +601,11 @@ def conclude(state: Rows, params: Rows, estimate: Rows) -> None:
     climb_the_column(s.bank)
     if s.bank.switched_us < 0:
         s.bank.switched_us, s.bank.searched_us = s.bank.now_us, s.bank.now_us
+    away_s = (s.bank.now_us - s.gnss.used_us) * 1e-6
+    s.bank.outage = 1 if s.gnss.seen == 0 or away_s > OUTAGE_S else 0
     switch(s.bank, p, s.baro.stuck)
     if p.integrity == 1 and s.gnss.seen == 1 and s.baro.seen == 1:
-        away_s = (s.bank.now_us - s.gnss.used_us) * 1e-6
-        search(s.bank, p, 1 if away_s > OUTAGE_S and is_blind(state) else 0)
+        search(s.bank, p)
         attribute(s.named, s.bank, p.attribution_probability, is_blind(state))
     if watch_takeoff(s.takeoff, s.bank):
         note_takeoff(s.aids, s.bank.now_us)

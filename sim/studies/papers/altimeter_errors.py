@@ -56,6 +56,8 @@ class Model:
     """of the variance of a noisy channel"""
     faults: tuple[int, int] = (NORMAL, NORMAL)
     """of barometer and GPS"""
+    shared: bool = False
+    """whether the INS's part of both measurements (9 of R) is one draw: one INS, or two"""
 
     def having(self, **changes: Any) -> "Model":
         return replace(self, **changes)
@@ -102,9 +104,12 @@ class Result:
 
 
 def noises(generators: Sequence[np.random.Generator], iterations: int = ITERATIONS) -> Array:
-    """Standard normal draws (seeds, iterations + 1, 5): system noises and the two sensors; first
-    the start's."""
-    return np.stack([generator.standard_normal((iterations + 1, 5)) for generator in generators])
+    """Standard normal draws (seeds, iterations + 1, 6): system noises, the two sensors, the INS that
+    both share; first the start's."""
+    sizes = (iterations + 1, 5), (iterations + 1, 1)
+    return np.stack(
+        [np.hstack([each.standard_normal(size) for size in sizes]) for each in generators]
+    )
 
 
 def simulate(model: Model, draws: Array) -> Result:
@@ -117,7 +122,18 @@ def simulate(model: Model, draws: Array) -> Result:
     for seed in range(seeds):
         state = METHOD.init(params)
         results = errors[seed], probability[seed], variance
-        one_run(state, params, draws[seed], faults, model.bias_m, model.factor, truth, *results)
+        ins_sd = float(params["sigma_INS"][0]) if model.shared else 0.0
+        one_run(
+            state,
+            params,
+            draws[seed],
+            faults,
+            model.bias_m,
+            model.factor,
+            ins_sd,
+            truth,
+            *results,
+        )
     return Result(errors, probability, variance)
 
 
@@ -159,6 +175,7 @@ def one_run(
     faults: Array,
     bias_m: float,
     factor: float,
+    ins_sd: float,
     truth: Array,
     errors: Array,
     probability: Array,
@@ -177,9 +194,11 @@ def one_run(
         for k in range(2):
             pair.height_m[k], pair.climb_mps[k] = truth[k, 0], truth[k, 1]
             sd = np.sqrt(height_variance(pair, params, k))
+            own = np.sqrt(sd * sd - ins_sd * ins_sd)
+            noise = own * draws[i + 1, 3 + k] + ins_sd * draws[i + 1, 5]
             if FIRST_FAULTY <= i < LAST_FAULTY and faults[k] == NOISY:
-                sd *= np.sqrt(factor)
-            sensor = sd * draws[i + 1, 3 + k] + (truth[k, 4] if k == IBI else 0.0)
+                noise *= np.sqrt(factor)
+            sensor = noise + (truth[k, 4] if k == IBI else 0.0)
             if FIRST_FAULTY <= i < LAST_FAULTY and faults[k] == BIASED:
                 sensor += bias_m
             gather(pair, params, k, pair.height_m[k] - sensor)
@@ -193,19 +212,13 @@ def one_run(
             )
         ibi = share(pair.P[IBI], pair.P[IIG])
         errors[i, 2] = ibi * errors[i, IBI] + (1.0 - ibi) * errors[i, IIG]
-        trusted = (
-            IBI
-            if pair.isolation.trust == TRUST_IBI
-            else IIG
-            if pair.isolation.trust == TRUST_IIG
-            else 2
-        )
-        errors[i, 3] = errors[i, trusted]
+        trust = pair.isolation.trust
+        errors[i, 3] = errors[i, IBI if trust == TRUST_IBI else IIG if trust == TRUST_IIG else 2]
 
 
 def open_loop_m(sigma_a: float, draws: Array) -> Array:
     """Height error of a channel that nobody corrects (3)-(6), (seeds, iterations)."""
-    truth = draws[:, 0] * np.array(START_SD)
+    truth = draws[:, 0, :5] * np.array(START_SD)
     heights = np.zeros((draws.shape[0], draws.shape[1] - 1))
     for i in range(heights.shape[1]):
         height, climb, a, g = (

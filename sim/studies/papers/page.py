@@ -6,24 +6,24 @@ A module of this package builds one in reading order::
     page.text("What is simulated.")
     page.table("Table 1", [
         compare("P at iteration 400", printed=160.693, ours=spread(values), within=3.0, unit="m2",
-        where="Table 1"), Row("P below R_GPS", printed="always", ours="always",
-        verdict=Match.REPRODUCES, where="(21)"),
+        where="Table 1"), holds("P is below R_GPS", below(P, R_GPS), P, where="(21)"),
     ])
     return page
 
-A verdict is computed from the numbers wherever there are two to compare (`compare`), so that a page
-cannot go on claiming what no longer holds. Figures and plain tables: `sim.studies.page`.
+A verdict is always computed from numbers by a `Check`, so that a page cannot go on claiming what no
+longer holds; no row can be given one. Figures and plain tables: `sim.studies.page`.
 """
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from enum import Enum
+from itertools import islice, pairwise
 from pathlib import Path
 
 from companion import __version__
 from sim.studies import page as general
-from sim.studies.page import Spread, Value, markdown_table
+from sim.studies.page import SEED_ROOT, Spread, Value, markdown_table
 from sim.studies.papers import PAPERS, Paper
 
 
@@ -39,18 +39,78 @@ class Match(Enum):
 
 
 @dataclass(frozen=True)
+class Check:
+    """A comparison of numbers, chosen before they are known. NaN never passes."""
+
+    test: Callable[..., bool]
+    numbers: tuple[float, ...]
+
+    @property
+    def passes(self) -> bool:
+        return bool(self.test(*self.numbers))
+
+    def fed(self, number: float) -> "Check":
+        """The same comparison with another number in the place of each."""
+        return replace(self, numbers=(number,) * len(self.numbers))
+
+
+def near(mean: float, printed: float, within: float) -> Check:
+    """|mean - printed| <= within."""
+    return Check(lambda a, b, c: abs(a - b) <= c, (mean, printed, within))
+
+
+def below(*numbers: float) -> Check:
+    """Each number is below the next."""
+    return Check(lambda *n: all(a < b for a, b in pairwise(n)), numbers)
+
+
+def at_most(number: float, limit: float) -> Check:
+    """number <= limit."""
+    return Check(lambda a, b: a <= b, (number, limit))
+
+
+def both(*checks: Check) -> Check:
+    """All of the comparisons."""
+    sizes = [len(check.numbers) for check in checks]
+
+    def test(*numbers: float) -> bool:
+        rest = iter(numbers)
+        return all(
+            check.test(*islice(rest, size)) for check, size in zip(checks, sizes, strict=True)
+        )
+
+    return Check(test, tuple(number for check in checks for number in check.numbers))
+
+
+@dataclass(frozen=True)
 class Row:
-    """One printed number or claim, and ours."""
+    """One printed number or claim, and ours. Without a check the two are not comparable."""
 
     claim: str
     printed: Value = None
     ours: Value | tuple[Value, ...] = None
     """several where a table has several columns of ours"""
-    verdict: Match = Match.NOT_COMPARABLE
     unit: str = ""
     where: str = ""
     """equation, table, figure or section of the paper"""
     note: str = ""
+    check: Check | None = None
+    reading: str = ""
+    """what has to be assumed about the print; it stands before the note"""
+
+    @property
+    def verdict(self) -> Match:
+        """What follows from the numbers."""
+        if self.check is None:
+            return Match.NOT_COMPARABLE
+        if not self.check.passes:
+            return Match.DOES_NOT
+        return Match.ONLY_UNDER if self.reading else Match.REPRODUCES
+
+    @property
+    def notes(self) -> str:
+        """Reading and note."""
+        return "; ".join(part for part in (self.reading, self.note) if part)
 
 
 def compare(
@@ -64,39 +124,28 @@ def compare(
     where: str = "",
     note: str = "",
 ) -> Row:
-    """A row whose verdict follows from the numbers.
+    """A row about a number.
 
     Reproduces when our mean is no further than `within` (same unit) from the printed value; given a
     `reading` (what has to be assumed about the print), only under it.
     """
     mean = ours.mean if isinstance(ours, Spread) else ours
-    verdict = Match.ONLY_UNDER if reading else Match.REPRODUCES
-    if not abs(mean - printed) <= within:
-        verdict = Match.DOES_NOT
-    notes = "; ".join(part for part in (reading, note) if part)
-    return Row(claim, printed, ours, verdict, unit, where, notes)
+    return Row(claim, printed, ours, unit, where, note, near(mean, printed, within), reading)
 
 
 def holds(
     claim: str,
-    condition: bool,
-    ours: Value,
+    check: Check,
+    ours: Value | tuple[Value, ...],
     *,
     printed: Value = None,
+    reading: str = "",
     unit: str = "",
     where: str = "",
     note: str = "",
 ) -> Row:
-    """A row about a claim in words: reproduces when `condition` is true of our numbers."""
-    return Row(
-        claim,
-        printed,
-        ours,
-        Match.REPRODUCES if condition else Match.DOES_NOT,
-        unit,
-        where,
-        note,
-    )
+    """A row about a claim in words: reproduces when the check passes with our numbers."""
+    return Row(claim, printed, ours, unit, where, note, check, reading)
 
 
 @dataclass(frozen=True)
@@ -110,7 +159,7 @@ class Table:
     def markdown(self) -> str:
         optional = [
             name
-            for name in ("where", "unit", "note")
+            for name in ("where", "unit", "notes")
             if any(getattr(row, name) for row in self.rows)
         ]
         header = [
@@ -121,7 +170,7 @@ class Table:
             *_only(optional, "unit"),
             "verdict",
         ]
-        header += _only(optional, "note")
+        header += ["note"] if "notes" in optional else []
         lines = []
         for row in self.rows:
             ours = row.ours if isinstance(row.ours, tuple) else (row.ours,)
@@ -136,7 +185,7 @@ class Table:
                 *ours,
             ]
             cells += [row.unit] if "unit" in optional else []
-            cells += [row.verdict.value, *([row.note] if "note" in optional else [])]
+            cells += [row.verdict.value, *([row.notes] if "notes" in optional else [])]
             lines.append(cells)
         return f"### {self.title}\n\n{markdown_table(header, lines)}"
 
@@ -146,7 +195,7 @@ class Page(general.Page):
 
     def __init__(self, key: str, seeds: int, out: Path) -> None:
         super().__init__(PAPERS[key].slug, out)
-        self.key, self.seeds = key, seeds
+        self.key, self.seeds, self.root = key, seeds, SEED_ROOT.get()
 
     @property
     def paper(self) -> Paper:
@@ -169,7 +218,8 @@ class Page(general.Page):
     def head(self) -> list[str]:
         """Title, citation, how the page was made, and what came of the paper's numbers."""
         estimators = ", ".join(f"`{name}`" for name in self.paper.estimators)
-        command = f"kollsman-sim reproduce {self.key} --seeds {self.seeds} --out docs/papers"
+        root = f" --seed-root {self.root}" if self.root else ""
+        command = f"kollsman-sim reproduce {self.key} --seeds {self.seeds}{root} --out docs/papers"
         return [
             f"# {self.paper.title}",
             f"{self.paper.citation}. Estimators: {estimators}.",

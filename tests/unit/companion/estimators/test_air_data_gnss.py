@@ -253,7 +253,7 @@ def test_a_temperature_is_news_once_a_minute_but_one_of_many_in_the_paper() -> N
         ({"air_temperature_k": 100.0}, Verdict.INVALID),
         ({"air_temperature_k": math.inf}, Verdict.INVALID),
         ({}, Verdict.INVALID),
-        ({"qnh_pa": 101_000.0}, Verdict.IGNORED),
+        ({"qnh_pa": 101_000.0}, Verdict.USED),
         ({"air_temperature_k": 290.0, "instance": 1}, Verdict.IGNORED),
     ],
 )

@@ -238,7 +238,7 @@ def test_a_clean_stream_is_used() -> None:
 def test_an_imu_too_slow_to_integrate_is_ignored() -> None:
     assert verdict_shares(flight(duration_s=60.0, imu_hz=4.0), Kind.IMU)[Verdict.IGNORED] == 1.0
     made = flight(duration_s=60.0, imu_hz=10.0)
-    assert run_log(METHOD, made.log())[2][0]["inertial"] == 1
+    assert run_log(METHOD, made.log())[2][0]["ins"]["inertial"] == 1
 
 
 def test_vehicle_attitude_is_used_only_if_configured() -> None:
@@ -256,7 +256,7 @@ def test_alignment_in_motion_finds_the_attitude(settings: BaroGnssInsSettings) -
     """In the air from the first sample on: roll and pitch within a degree, yaw within three, after
     half a minute."""
     made = flight(duration_s=60.0)
-    w, x, y, z = run_log(METHOD, made.log(), settings)[2][0]["quaternion"]
+    w, x, y, z = run_log(METHOD, made.log(), settings)[2][0]["ins"]["quaternion"]
     roll, pitch = (
         math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
         math.asin(2 * (w * y - z * x)),

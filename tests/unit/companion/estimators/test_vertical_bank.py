@@ -85,7 +85,7 @@ def test_nothing_is_known_before_a_height() -> None:
 
 
 def test_vertical_velocity_helps() -> None:
-    made = flight(gnss_sd_m=6.0)
+    made = flight(gnss_sd_m=6.0, imu_hz=0.0, pressure_hz=2.0)
     with_climb = made.copy()
     climb = np.gradient(made.truth_m(made.tables[Kind.GNSS]["time_us"]), 0.2)
     with_climb.tables[Kind.GNSS]["climb_mps"] = climb

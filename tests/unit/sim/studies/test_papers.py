@@ -1,6 +1,8 @@
 """The pages of the reproduced papers: verdicts follow from numbers, same seeds give the same bytes."""
 
+import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +10,9 @@ import pytest
 from typer.testing import CliRunner
 
 from sim.cli import app
-from sim.studies.page import FUSED, Spread, generators, spread
+from sim.studies.page import FUSED, SEED_ROOT, Spread, generators, spread
 from sim.studies.papers import PAPERS, Paper
-from sim.studies.papers.page import Match, Page, Row, compare, holds, summary
+from sim.studies.papers.page import Match, Page, Row, at_most, below, both, compare, holds, summary
 from tests.paths import ROOT
 
 PAGES = ROOT / "docs" / "papers"
@@ -29,12 +31,16 @@ class TestVerdicts:
 
     def test_a_reading_qualifies_it(self) -> None:
         row = compare("x", 10.0, 10.0, 0.5, reading="k in kPa", note="and more")
-        assert (row.verdict, row.note) == (Match.ONLY_UNDER, "k in kPa; and more")
+        assert (row.verdict, row.notes) == (Match.ONLY_UNDER, "k in kPa; and more")
         assert compare("x", 10.0, 11.0, 0.5, reading="k in kPa").verdict is Match.DOES_NOT
 
     def test_a_claim_in_words(self) -> None:
-        assert holds("better", True, "yes").verdict is Match.REPRODUCES
-        assert holds("better", False, "no").verdict is Match.DOES_NOT
+        assert holds("better", below(1.0, 2.0), "yes").verdict is Match.REPRODUCES
+        assert holds("better", below(2.0, 1.0), "no").verdict is Match.DOES_NOT
+        assert (
+            holds("both", both(below(1.0, 2.0), at_most(3.0, 3.0)), "").verdict is Match.REPRODUCES
+        )
+        assert holds("both", both(below(1.0, 2.0), at_most(4.0, 3.0)), "").verdict is Match.DOES_NOT
 
 
 def test_spread_is_mean_and_sample_deviation() -> None:
@@ -95,11 +101,42 @@ def test_same_seeds_same_bytes(tmp_path: Path) -> None:
     for run in ("one", "two"):
         PAPERS["H"].reproduce(3, tmp_path / run, quiet).write()
     names = sorted(path.name for path in (tmp_path / "one").iterdir())
-    assert len(names) == 4
+    assert len(names) == 5
     for name in names:
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes(), (
             name
         )
+
+
+def test_another_root_draws_other_numbers() -> None:
+    usual = generators("H", 1)[0].random()
+    token = SEED_ROOT.set(7)
+    try:
+        assert generators("H", 1)[0].random() != usual
+    finally:
+        SEED_ROOT.reset(token)
+    assert generators("H", 1)[0].random() == usual
+
+
+@pytest.mark.parametrize("key", ["H", "W"])
+def test_every_verdict_fails_with_a_wrong_number(key: str, tmp_path: Path) -> None:
+    """Rows are fed NaN, and a number that is far away: no verdict is a constant. The pages C, R and K
+    are walked by tests/oracles and the command's own run (they take longer)."""
+    checked = 0
+    for row in PAPERS[key].reproduce(2, tmp_path, quiet).rows:
+        if row.check is None:
+            assert row.verdict is Match.NOT_COMPARABLE
+            continue
+        checked += 1
+        assert replace(row, check=row.check.fed(math.nan)).verdict is Match.DOES_NOT, row.claim
+    assert checked > 15
+
+
+def test_only_the_page_knows_verdicts() -> None:
+    """A paper's module gives numbers; `Row.verdict` is what follows from them."""
+    for path in (ROOT / "sim" / "studies" / "papers").glob("*.py"):
+        if path.name != "page.py":
+            assert "Match." not in path.read_text(encoding="utf-8"), path.name
 
 
 class TestCommand:

@@ -32,7 +32,7 @@ logger = logging.getLogger("kollsman.checkpoint")
 MAGIC = b"kollsman checkpoint 1\n"
 PARTS = ("identity", "intake", "health", "outputs", "heard", "_imu", "_scaled_pressure_us")
 """Attributes of the pipeline that continue, besides the estimator's state."""
-OPTIONAL_PARTS = ("checker", "texts", "_source", "_tells_air", "_tells_field")
+OPTIONAL_PARTS = ("checker", "texts", "_source", "air")
 STANDARD_CLASSES = frozenset(
     {
         ("collections", "Counter"),

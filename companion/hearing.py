@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from companion.clock import Clock
 from companion.links import Link, LinkState
+from companion.links.base import HasFileno
 from companion.mavlink.codec import Decoder, Frame, Message, decode, mavlink
 
 TEXT_SAMPLE_BYTES = 4096
@@ -108,6 +109,9 @@ class Hearing:
             if frame.message_id == COMMAND_ACK and message is not None:
                 self._acknowledged(message)
         return data
+
+    def descriptors(self) -> list[HasFileno]:
+        return self._link.descriptors()
 
     def send(self, data: bytes) -> bool:
         return self._link.send(data)

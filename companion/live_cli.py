@@ -19,6 +19,7 @@ from companion.common_cli import (
     resolve_settings,
     say_if_compiling,
 )
+from companion.notify import Notifier
 from companion.output import Output, set_up_logging, timestamp
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ Examples:
   ArduPilot SITL:                           kollsman run tcp:127.0.0.1:5762
   A Pixhawk on a Raspberry Pi's UART:       kollsman run /dev/ttyAMA0:921600
   A Pixhawk on USB, recorded:               kollsman run /dev/ttyACM0 --record flights/
+  Autopilot and ground station, no router:  kollsman run /dev/ttyAMA0:921600 --link udpout:192.168.1.20
 """
 
 DOCTOR_EXAMPLES = """\b
@@ -52,6 +54,16 @@ def run(
         ),
     ],
     *,
+    more: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--link",
+            help="Another link, such as a ground station's; repeatable. MAVLink is routed between "
+            "all of them.",
+            metavar="LINK",
+            envvar="KOLLSMAN_LINKS",
+        ),
+    ] = None,
     estimator: EstimatorOption = None,
     config: ConfigOption = None,
     changes: SetOption = None,
@@ -84,7 +96,7 @@ def run(
 
     from companion.checkpoint import Checkpoint, fingerprint
     from companion.clock import SystemClock
-    from companion.links import open_link
+    from companion.links import open_links
     from companion.recording import Recording
     from companion.restarts import serve
     from companion.service import Service
@@ -92,7 +104,7 @@ def run(
 
     clock, output = SystemClock(), Output()
     with ExitStack() as stack, _stop_signals() as stopped:
-        opened = open_link(link, clock)
+        opened = open_links([link, *(more or [])], clock)
         stack.callback(opened.close)
         path = settings.record.path
         recorder = stack.enter_context(Recording(path, settings.record)) if path else None
@@ -152,9 +164,11 @@ class StatusLine:
         self._json = as_json
         self._terminal = output.is_terminal and not as_json
         self._last: tuple[Any, float] = (None, 0.0)
+        self._notifier = Notifier()
 
     def ready(self, elapsed_s: float) -> None:
         """The service is about to start."""
+        self._notifier.ready()
         estimator, url = self.service.settings.estimator, self.service.link.url
         if self._json:
             self._object("ready", start_s=round(elapsed_s, 1), estimator=estimator, link=url)
@@ -163,6 +177,7 @@ class StatusLine:
 
     def show(self, status: "Status") -> None:
         """The service goes on."""
+        self._notifier.alive(format_status(status))
         if self._terminal:
             self._output.write(f"\r\x1b[2K{format_status(status)}")
             return
@@ -178,6 +193,8 @@ class StatusLine:
 
     def stopped(self, recorder: Any) -> None:
         """The service has ended."""
+        self._notifier.stopping()
+        self._notifier.close()
         paths = [str(path) for path in recorder.paths] if recorder is not None else []
         if self._json:
             self._object("stopped", summary=self.service.summary(), recorded=paths)
@@ -213,14 +230,22 @@ def format_status(status: "Status") -> str:
         altitude = "no altitude"
     shown = ("pressure", "gnss", "imu", "altitude")
     rates = "  ".join(f"{name} {status.rates_hz.get(name, 0.0):.0f}" for name in shown)
-    return f"{status.health.name:8s} {altitude} | Hz: {rates} | {status.vehicle} | {status.link} | {status.reason}"
+    ids = status.vehicle.split()[0]
+    heard = [senders[ids] for senders in status.traffic.values() if ids in senders]
+    frames, lost = (sum(each[name] for each in heard) for name in ("frames", "lost"))
+    loss = f"  lost {100 * lost / (frames + lost):.1f} %" if lost else ""
+    return (
+        f"{status.health.name:8s} {altitude} | Hz: {rates} | {status.vehicle} | {status.link}{loss}"
+        f" | {status.reason}"
+    )
 
 
 @contextmanager
 def _stop_signals() -> Iterator[list[int]]:
     """SIGINT, SIGTERM and SIGHUP ask for a clean stop; a second SIGINT is an ordinary interrupt.
 
-    A signal that was ignored at the start (SIGHUP under nohup) stays ignored.
+    SIGHUP stays ignored under nohup. SIGINT does not: shells start background jobs with it ignored,
+    and whoever sends it all the same means it.
     """
     received: list[int] = []
 
@@ -232,7 +257,7 @@ def _stop_signals() -> Iterator[list[int]]:
     before = {
         number: signal.signal(number, stop)
         for number in STOP_SIGNALS
-        if signal.getsignal(number) is not signal.SIG_IGN
+        if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN
     }
     try:
         yield received

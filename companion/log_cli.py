@@ -232,6 +232,23 @@ def refuse_same(log: Path, *outputs: Path | None) -> None:
             raise LogFormatError(f"{output}: is the log itself; choose another name for the output")
 
 
+def hold_log(name: str, log: Path, texts: list[str], junit: Path | None) -> None:
+    """Replay a log and hold expectations against it: how a simulated flight is checked."""
+    from companion.replay import expect as expecting
+    from companion.replay.run import replay as replay_log
+
+    expectations = expecting.parse(texts)
+    outcomes = []
+    for session in replay_log(log).report["sessions"]:
+        figures = session["sources"].get("estimate")
+        outcomes += expecting.hold(
+            f"{log.name} session {session['session']}", expectations, figures
+        )
+    for each in outcomes:
+        print(each)
+    conclude(name, outcomes, junit)
+
+
 def conclude(name: str, outcomes: "Sequence[Outcome]", junit: Path | None) -> None:
     """Say which expectations were not met, write the JUnit file, and exit with 3 if there were."""
     from companion.replay.expect import EXIT_WRONG, write_junit

@@ -8,18 +8,20 @@ import copy
 import logging
 from collections.abc import Callable, Hashable, Mapping
 from functools import partial
-from typing import Protocol
+from typing import Any, Protocol
 
 from companion.checker import Checker
 from companion.estimators import ESTIMATORS, Filter
 from companion.health import HealthMonitor, excluded
 from companion.intake import Intake, SampleReject, restart_row
-from companion.known_air import KnownAir
+from companion.known_air import KnownAir, LiveAir
 from companion.mavlink import convert
 from companion.mavlink.codec import Decoder, Encoder, Frame, Message, mavlink
+from companion.mavlink.commands import answers
 from companion.mavlink.identity import Identity, Origin
 from companion.mavlink.imu import ImuSelector
 from companion.mavlink.outputs import SEVERITY, Outputs, Source, heartbeat
+from companion.mavlink.parameters import Parameters
 from companion.mavlink.texts import Allowance, StatusTexts
 from companion.recorded import Item, Sensed
 from companion.samples import Kind, Packet, Rows, Verdict
@@ -36,6 +38,13 @@ SIM_STATE = mavlink.MAVLINK_MSG_ID_SIM_STATE
 GLOBAL_POSITION_INT = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 DATA_STREAM = mavlink.MAVLINK_MSG_ID_REQUEST_DATA_STREAM
 COMMANDS = frozenset({mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT})
+PARAMETER_REQUESTS = frozenset(
+    {
+        mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST,
+        mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ,
+        mavlink.MAVLINK_MSG_ID_PARAM_SET,
+    }
+)
 SET_MESSAGE_INTERVAL = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
 FORGERIES = frozenset({Origin.FORGED, Origin.ELSEWHERE})
 OTHERS_US = 5_000_000
@@ -104,6 +113,12 @@ class Pipeline:
         self._listeners = dict(listeners or {})
         self._encoders: dict[tuple[int, int], Encoder] = {}
         self._answers = Allowance(ANSWERS_PER_S)
+        self.parameters = Parameters(
+            settings,
+            LiveAir,
+            lambda key: getattr(self.air, key),
+            self._set_air_key,
+        )
         self._thermometers = convert.THERMOMETERS[settings.intake.air_temperature]
         self._wanted = set(convert.CONVERTERS) | {
             *(RAW_IMU, SYSTEM_TIME, ALTITUDE, GLOBAL_POSITION_INT),
@@ -185,6 +200,10 @@ class Pipeline:
             field_elevation_m=field_elevation_m,
             metar=metar,
         )
+
+    def _set_air_key(self, key: str, value: float) -> None:
+        changes: dict[str, Any] = {key: value}
+        self.set_air(**changes)
 
     def on_own_ids(self, callback: Callable[[Frame], None]) -> None:
         """Call back for every frame that carries our own ids."""
@@ -303,7 +322,7 @@ class Pipeline:
         if origin is Origin.OURSELVES:
             if self._conflict is not None:
                 self._conflict(frame)
-        elif message_id in COMMANDS:
+        elif message_id in COMMANDS or message_id in PARAMETER_REQUESTS:
             return self._command(frame, arrival_us)
         elif message_id == DATA_STREAM and self._rate_request is not None:
             self._rate_request(frame)
@@ -317,20 +336,26 @@ class Pipeline:
         return self._message(message, frame.message_id, arrival_us) if message is not None else []
 
     def _command(self, frame: Frame, arrival_us: int) -> list[bytes]:
-        """A command addressed to us: we have none, and say so, a few times a second at most."""
+        """A command or parameter request addressed to us, answered a few times a second at most."""
         message = self.decoder.decode(frame)
         if message is None:
             return []
-        if message.command == SET_MESSAGE_INTERVAL and self._rate_request is not None:
+        is_command = frame.message_id in COMMANDS
+        asks_rate = is_command and message.command == SET_MESSAGE_INTERVAL
+        if asks_rate and self._rate_request is not None:
             self._rate_request(frame)
-        target = (message.target_system, message.target_component)
-        if target != self.identity.own or not self._answers.takes(arrival_us):
+        system_id, component_id = self.identity.own
+        everybody = () if is_command else (0,)
+        if message.target_system not in (system_id, *everybody) or message.target_component not in (
+            component_id,
+            *everybody,
+        ):
             return []
-        refusal = mavlink.MAV_RESULT_UNSUPPORTED
-        answer = mavlink.MAVLink_command_ack_message(
-            message.command, refusal, 0, 0, frame.system_id, frame.component_id
-        )
-        return self._encode([answer])
+        if not self._answers.takes(arrival_us):
+            return []
+        if is_command:
+            return self._encode(answers(message, (frame.system_id, frame.component_id)))
+        return self._encode(self.parameters.answer(message))
 
     def _message(self, message: Message, message_id: int, arrival_us: int) -> list[bytes]:
         listener = self._listeners.get(message_id)

@@ -6,7 +6,7 @@ heard.
 """
 
 import logging
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -17,6 +17,8 @@ from companion.clock import Clock
 from companion.errors import LogFormatError
 from companion.health import Health
 from companion.links import Link
+from companion.links.routing import Router
+from companion.links.traffic import Traffic
 from companion.logs import LogWriter
 from companion.mavlink.codec import Frame, Message, mavlink
 from companion.mavlink.identity import Origin, autopilot_name
@@ -63,6 +65,10 @@ class Status:
     rates_hz: dict[str, float]
     """of each sensor kind and of our ALTITUDE, since the last status"""
     link: str
+    traffic: dict[str, dict[str, dict[str, float]]]
+    """of each link and sender: frames, lost, jitter_s"""
+    rejected: dict[str, int]
+    """bad input by cause"""
 
 
 class Service:
@@ -95,7 +101,10 @@ class Service:
         self.sent_frames = 0
         self.outdated = 0
         """frames that were not sent because they were made of old samples"""
-        listeners = {mavlink.MAVLINK_MSG_ID_COMMAND_ACK: self._acknowledged}
+        listeners = {
+            mavlink.MAVLINK_MSG_ID_COMMAND_ACK: self._acknowledged,
+            mavlink.MAVLINK_MSG_ID_TIMESYNC: self._time_asked,
+        }
         self.pipeline = Pipeline(settings, observer=observer, listeners=listeners)
         if earlier is not None:
             self.pipeline.identity.resume(earlier.pipeline.identity, clock.now_us())
@@ -110,6 +119,7 @@ class Service:
         self._foreign_heartbeats = 0
         start_us = clock.now_us()
         self._start_us = start_us
+        self._traffic = Traffic()
         self._backlog = Backlog()
         self._admission = Admission()
         self._heard_us = start_us
@@ -143,6 +153,7 @@ class Service:
             if self.pipeline.frames:
                 self.link.trust()
                 self._admission.framed(self.link.source, now_us)
+            self._traffic.take(self.pipeline.frames, now_us)
             self._backlog.handled(now_us, self.pipeline.now_us)
             self._record_heard(now_us)
             self._send(self._current(frames), now_us)
@@ -182,7 +193,22 @@ class Service:
             float(value["climb_mps"]),
             rates_hz,
             self.link.state.name.lower(),
+            {url: traffic.as_dict() for url, traffic in self.traffic().items()},
+            self.rejected(),
         )
+
+    def traffic(self) -> dict[str, Traffic]:
+        """The senders heard on each link."""
+        if isinstance(self.link, Router):
+            return self.link.traffic()
+        return {self.link.url: self._traffic}
+
+    def rejected(self) -> dict[str, int]:
+        """Bad input by cause, of all links."""
+        counters = Counter(self.pipeline.decoder.counters)
+        if isinstance(self.link, Router):
+            counters += self.link.rejects
+        return {str(cause): count for cause, count in counters.items() if count}
 
     def _housekeeping(self, now_us: int) -> None:
         """What is due by the host's clock. Our heartbeat goes out from the first second on every
@@ -248,6 +274,13 @@ class Service:
             logger.error("recording stops: %s", error)
             self._recorder = None
 
+    def _time_asked(self, message: Message) -> None:
+        """The vehicle compares its clock with ours."""
+        if message.tc1 == 0:  # a request, not an answer
+            now_us = self.clock.now_us()
+            answer = mavlink.MAVLink_timesync_message(now_us * 1000, message.ts1)
+            self._send(self.pipeline.encode(answer), now_us)
+
     def _acknowledged(self, message: Message) -> None:
         self._streaming.acknowledge(message, self.clock.now_us())
 
@@ -269,12 +302,13 @@ class Service:
     def summary(self) -> str:
         """One line for the end of a run."""
         identity, decoder = self.pipeline.identity, self.pipeline.decoder
-        bad = {str(cause): count for cause, count in decoder.counters.items() if count}
+        links = "".join(f"; {url}: {traffic}" for url, traffic in self.traffic().items())
         strangers = identity.counters[Origin.STRANGER]
         outdated = f", {self.outdated} outdated not sent" if self.outdated else ""
         return (
             f"{decoder.frames} frames heard ({identity.counters[Origin.VEHICLE]} of the vehicle, {strangers} others), "
-            f"{self.sent_frames} sent ({self.published} ALTITUDE{outdated}), bad input: {bad or 'none'}"
+            f"{self.sent_frames} sent ({self.published} ALTITUDE{outdated}), "
+            f"bad input: {self.rejected() or 'none'}{links}"
         )
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from companion.errors import KollsmanError
+from companion.log_cli import ExpectOption, JunitOption, hold_log
 from sim.flight_cli import DemoTable, print_summary, run_with_progress
 from sim.studies import cli as fleet
 from sim.studies import limits_cli
@@ -128,11 +129,15 @@ def fly(
     seed: _SeedOption = None,
     all_streams: _AllStreamsOption = False,
     flavour: _FlavourOption = "",
+    expect: ExpectOption = None,
+    junit: JunitOption = None,
 ) -> None:
     """Fly one scenario to a link, a log, or both."""
     links = link or []
     if not links and tlog is None:
         raise _usage("nothing receives the flight: give a --link URL, a --tlog FILE, or both")
+    if expect and tlog is None:
+        raise _usage("--expect is held against the log: give a --tlog FILE")
     pace = _speed(speed or ("1" if links else "max"))
 
     from companion.links import open_link
@@ -160,6 +165,8 @@ def fly(
         )
         summary = run_with_progress(flight)
     print_summary(summary, tlog, opened)
+    if expect and tlog is not None:
+        hold_log(f"kollsman-sim fly {scenario}", tlog, expect, junit)
 
 
 @app.command(epilog=_DEMO_EXAMPLES)

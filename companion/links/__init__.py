@@ -10,7 +10,7 @@ Opening raises `LinkError` with one line that says what to do. An open link neve
 Adding a transport is one file with a class ``(Endpoint, Clock) -> Link`` and one line in the table.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
@@ -30,6 +30,7 @@ __all__ = [
     "Statistics",
     "help_text",
     "open_link",
+    "open_links",
     "parse_url",
 ]
 
@@ -65,7 +66,7 @@ _SCHEMES = (
         "serial",
         (),
         "[serial:]DEVICE[:BAUD]",
-        f"a serial port or USB cable, {urls.UART_BAUD} baud unless given",
+        f"a serial port or USB cable, {urls.UART_BAUD} baud unless given; BAUD auto finds it out",
         "/dev/ttyAMA0:921600",
         urls.serial_port,
         "serial_port:SerialLink",
@@ -76,7 +77,7 @@ _SCHEMES = (
         "udpin:[HOST:]PORT",
         "wait for UDP, answer everybody heard within a minute",
         f"udpin:0.0.0.0:{UDP_PORT}",
-        partial(urls.host_port, default_port=UDP_PORT, listens=True),
+        partial(urls.udp, default_port=UDP_PORT),
         "udp:UdpIn",
     ),
     Scheme(
@@ -141,6 +142,22 @@ def parse_url(url: str) -> Endpoint:
         raise LinkError(
             f"link {url!r} {error}; write {scheme.syntax}, for example {scheme.example}"
         ) from error
+
+
+def open_links(links: Sequence[str], clock: Clock | None = None) -> Link:
+    """One link, or several as one with MAVLink routing between them (see `routing.Router`)."""
+    from companion.links.routing import Router
+
+    clock = clock or SystemClock()
+    opened: list[Link] = []
+    try:
+        for url in links:
+            opened.append(open_link(url, clock))
+    except LinkError:
+        for link in opened:
+            link.close()
+        raise
+    return opened[0] if len(opened) == 1 else Router(opened, clock)
 
 
 def open_link(url: str, clock: Clock | None = None) -> Link:

@@ -69,6 +69,10 @@ class Link(Protocol):
         cannot keep up."""
         ...
 
+    def descriptors(self) -> list["HasFileno"]:
+        """What to wait on for the next bytes; empty where only `receive` can tell."""
+        ...
+
     def close(self) -> None:
         """Give everything back. Closing twice is fine; a closed link receives b"" and drops what is
         sent."""
@@ -105,6 +109,10 @@ class BaseLink(ABC):
         else:
             self.statistics.dropped_bytes += len(data)
         return sent
+
+    def descriptors(self) -> list["HasFileno"]:
+        """What to wait on for the next bytes; empty where only `receive` can tell."""
+        return []
 
     def trust(self) -> None:
         """A link with one peer trusts it anyway."""
@@ -155,9 +163,12 @@ class Backoff:
         """How long until the next attempt; zero or less when it is due."""
         return (self._due_us - self._clock.now_us()) / 1e6
 
-    def failed(self) -> None:
-        self._due_us = self._clock.now_us() + round(self._next_s * 1e6)
-        self._next_s = min(2.0 * self._next_s, self._longest_s)
+    def failed(self, longest_s: float | None = None) -> None:
+        """Wait longer than last time, but no longer than `longest_s`."""
+        longest_s = self._longest_s if longest_s is None else longest_s
+        wait_s = min(self._next_s, longest_s)
+        self._due_us = self._clock.now_us() + round(wait_s * 1e6)
+        self._next_s = min(2.0 * wait_s, self._longest_s)
 
     def succeeded(self) -> None:
         self._next_s = self._first_s

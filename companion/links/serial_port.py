@@ -12,8 +12,10 @@ from serial.tools import list_ports
 
 from companion.clock import Clock
 from companion.errors import LinkError
+from companion.links.base import Backoff, log
 from companion.links.stream import ByteStream, StreamLink
-from companion.links.urls import Endpoint, is_usb
+from companion.links.urls import AUTO_BAUD, Endpoint, is_usb
+from companion.mavlink.codec import Decoder
 
 try:
     import termios
@@ -23,6 +25,15 @@ except ImportError as error:
     ) from error
 
 
+BY_ID = "/dev/serial/by-id"
+BAUDS = (57600, 115200, 921600, 460800, 230400, 500000, 1500000, 38400)
+BAUD_TRIAL_US = 700_000
+BAUD_TRIAL_BYTES = 60
+BAUD_FRAMES = 2
+WATCH_S = 0.1
+"""How often the path of an absent device is looked at."""
+HANG_UP_S = 1.0
+ABSENT = frozenset({errno.ENOENT, errno.ENODEV, errno.ENXIO})
 BITS_PER_BYTE = 10
 """with start and stop bit"""
 
@@ -57,27 +68,97 @@ class _Port:
 
 
 class SerialLink(StreamLink):
-    """A port that must be there at the start; afterwards it may go and come. Prefer
-    /dev/serial/by-id/...: a replugged /dev/ttyACM0 can come back as ttyACM1."""
+    """A port that may come and go, also under another number: a USB device that was plugged in again
+    is found by its name in /dev/serial/by-id. A port that is not there yet is waited for.
+
+    With `AUTO_BAUD` the rates of `BAUDS` are tried in turn until whole MAVLink frames arrive.
+    """
 
     def __init__(self, endpoint: Endpoint, clock: Clock) -> None:
-        super().__init__(str(endpoint), clock)
+        watching = Backoff(clock, first_s=WATCH_S, longest_s=HANG_UP_S)
+        super().__init__(str(endpoint), clock, watching)
         self._endpoint = endpoint
-        if not is_usb(endpoint.address):
+        self._lasting: str | None = None
+        self._bauds = _BaudSearch() if endpoint.number == AUTO_BAUD else None
+        if endpoint.number != AUTO_BAUD and not is_usb(endpoint.address):
             self.bytes_per_s = endpoint.number / BITS_PER_BYTE
         try:
             self._connected(self._dial(0.0), "opened")
         except OSError as error:
-            raise LinkError(_explain(endpoint, error)) from error
+            if error.errno not in ABSENT:
+                raise LinkError(_explain(endpoint, error)) from error
+            log.warning("%s; waiting for it", _explain(endpoint, error))
 
     def _dial(self, timeout_s: float) -> ByteStream:
-        return _Port(self._endpoint.address, self._endpoint.number)
+        baud = self._bauds.baud if self._bauds else self._endpoint.number
+        device = self._endpoint.address
+        if self._lasting is not None and not os.path.exists(device):
+            device = self._lasting
+        try:
+            port = _Port(device, baud)
+        except OSError as error:
+            if error.errno in ABSENT:
+                self._retry.succeeded()  # looking for a path costs nothing: look often
+            raise
+        self._lasting = _lasting_name(device)
+        return port
+
+    def _read(self, stream: ByteStream, timeout_s: float) -> bytes:
+        data = super()._read(stream, timeout_s)
+        if self._bauds is not None and self._bauds.wrong(data, self._clock.now_us()):
+            log.info("%s: no MAVLink yet, trying %d baud", self.url, self._bauds.baud)
+            with contextlib.suppress(OSError):
+                stream.close()
+            self._stream = None
+            self._retry.succeeded()
+        return data
+
+
+class _BaudSearch:
+    """Which baud rate carries whole frames."""
+
+    def __init__(self) -> None:
+        self._index = 0
+        self._decoder = Decoder()
+        self._since_us: int | None = None
+        self._bytes = 0
+
+    @property
+    def baud(self) -> int:
+        return BAUDS[self._index]
+
+    def wrong(self, data: bytes, now_us: int) -> bool:
+        """Whether bytes came for `BAUD_TRIAL_US` without two frames: the next rate is then due."""
+        if not data:
+            return False
+        if self._since_us is None:
+            self._since_us = now_us
+        self._bytes += len(data)
+        self._decoder.feed(data)
+        if self._decoder.frames >= BAUD_FRAMES:  # and so from now on, until nothing fits any more
+            self._restart(now_us)
+            return False
+        if now_us - self._since_us < BAUD_TRIAL_US or self._bytes < BAUD_TRIAL_BYTES:
+            return False
+        self._index = (self._index + 1) % len(BAUDS)
+        self._restart(None)
+        return True
+
+    def _restart(self, since_us: int | None) -> None:
+        self._decoder, self._since_us, self._bytes = Decoder(), since_us, 0
 
 
 def serial_ports() -> list[str]:
     """The serial ports of this computer, those with lasting names first."""
-    lasting = sorted(glob.glob("/dev/serial/by-id/*"))
+    lasting = sorted(glob.glob(f"{BY_ID}/*"))
     return lasting + sorted(port.device for port in list_ports.comports())
+
+
+def _lasting_name(device: str) -> str | None:
+    """The name of a device that stays the same when it gets another number, if it has one."""
+    real = os.path.realpath(device)
+    names = sorted(glob.glob(f"{BY_ID}/*"))
+    return next((name for name in names if os.path.realpath(name) == real), None)
 
 
 def _explain(endpoint: Endpoint, error: OSError) -> str:

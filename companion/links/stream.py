@@ -5,9 +5,11 @@ from abc import abstractmethod
 from typing import Protocol
 
 from companion.clock import Clock
-from companion.links.base import Backoff, BaseLink, log, readable
+from companion.links.base import Backoff, BaseLink, HasFileno, log, readable
 
 READ_SIZE = 4096
+REDIAL_S = 1.0
+"""How long a peer that is back waits for us at most, where dialing failed meanwhile."""
 
 
 class ByteStream(Protocol):
@@ -33,6 +35,9 @@ class StreamLink(BaseLink):
     def _dial(self, timeout_s: float) -> ByteStream | None:
         """One connected stream; None when there is none after `timeout_s`; OSError when this
         attempt failed."""
+
+    def descriptors(self) -> list[HasFileno]:
+        return [self._stream] if self._stream is not None else []
 
     def _connected(self, stream: ByteStream, who: str) -> None:
         self._stream = stream
@@ -60,7 +65,7 @@ class StreamLink(BaseLink):
                     stream = self._dial(left_s)
                 except OSError as error:
                     log.debug("%s: %s", self.url, error)
-                    self._retry.failed()
+                    self._retry.failed(REDIAL_S)
                     continue
                 if stream is None:
                     return b""

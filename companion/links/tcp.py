@@ -5,12 +5,13 @@ import socket
 from errno import EINPROGRESS
 
 from companion.clock import Clock
-from companion.links.base import Backoff, readable, writable
+from companion.links.base import Backoff, HasFileno, readable, writable
 from companion.links.sockets import listener, resolve
 from companion.links.stream import ByteStream, StreamLink
 from companion.links.urls import Endpoint
 
-CONNECT_TIMEOUT_S = 5.0
+CONNECT_TIMEOUT_S = 2.0
+"""A host that does not answer is called again this soon: it may be back."""
 SILENCE_S = 5.0
 """Time of silence after which a client is replaced by the next one (MAVLink sends a heartbeat each
 second)."""
@@ -114,6 +115,9 @@ class TcpServer(StreamLink):
         connection, _ = self._listener.accept()
         self._heard_us = self._clock.now_us()
         return _tuned(connection)
+
+    def descriptors(self) -> list[HasFileno]:
+        return [*super().descriptors(), self._listener] if self._stream is None else [self._stream]
 
     def _receive(self, timeout_s: float) -> bytes:
         silent_s = (self._clock.now_us() - self._heard_us) / 1e6

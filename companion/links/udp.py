@@ -7,7 +7,8 @@ import time
 from dataclasses import dataclass
 
 from companion.clock import Clock
-from companion.links.base import Backoff, BaseLink, readable
+from companion.errors import LinkError
+from companion.links.base import Backoff, BaseLink, HasFileno, readable
 from companion.links.sockets import Address, listener, resolve
 from companion.links.urls import Endpoint
 
@@ -60,6 +61,9 @@ class UdpIn(BaseLink):
         self.source = self._last = peer
         return data
 
+    def descriptors(self) -> list[HasFileno]:
+        return [self._socket]
+
     def trust(self) -> None:
         address = self._last
         if address is None:
@@ -104,16 +108,32 @@ class UdpOut(BaseLink):
 
     def __init__(self, endpoint: Endpoint, clock: Clock) -> None:
         super().__init__(str(endpoint), clock)
+        local, at, remote = endpoint.address.partition("@")
+        self._local = int(local) if at else -1
+        endpoint = endpoint._replace(address=remote) if at else endpoint
         self._family, self._address = resolve(endpoint, socket.SOCK_DGRAM)[0]
+        _refuse_broadcast(endpoint, self._family, self._address)
         self._socket = self._connect()
         self._renewal = Backoff(clock)
         self._heard_us = clock.now_us()
+
+    def descriptors(self) -> list[HasFileno]:
+        return [self._socket]
 
     def _connect(self) -> socket.socket:
         """Once connected, the kernel drops other people's datagrams and reports refusals."""
         connected = socket.socket(self._family, socket.SOCK_DGRAM)
         connected.setblocking(False)
         connected.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_SIZE)
+        if self._local >= 0:
+            connected.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                connected.bind(("", self._local))
+            except OSError as error:
+                connected.close()
+                raise LinkError(
+                    f"{self.url}: port {self._local} cannot be used ({error})"
+                ) from error
         with contextlib.suppress(
             OSError
         ):  # no route yet: sending says so too, and renews the socket
@@ -163,3 +183,18 @@ class UdpOut(BaseLink):
 
     def _close(self) -> None:
         self._socket.close()
+
+
+def _refuse_broadcast(endpoint: Endpoint, family: socket.AddressFamily, address: Address) -> None:
+    """A broadcast address needs a permission that a socket has only when it asks: then everybody on
+    the network would take our frames for theirs."""
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(address)
+        except PermissionError:
+            raise LinkError(
+                f"{endpoint}: is a broadcast address; name the vehicle's own address, or listen with "
+                f"udpin:0.0.0.0:{endpoint.number}"
+            ) from None
+        except OSError:
+            return  # no route yet

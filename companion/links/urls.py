@@ -13,11 +13,14 @@ from urllib.parse import parse_qsl
 UART_BAUD = 57600
 USB_BAUD = 115200
 BAUD_RANGE = (300, 12_000_000)
+AUTO_BAUD = 0
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]*")
 _HOST_PORT = re.compile(r"(?:\[(?P<ipv6>.*)\]|(?P<host>[^:]*))(?::(?P<port>[^:]*))?")
 _DEVICE_BAUD = re.compile(r"(?P<device>.*?)(?:[,:](?P<baud>\w*))?")
 _WINDOWS_PORT = re.compile(r"COM[0-9]+", re.IGNORECASE)
+_BARE_HOST_PORT = re.compile(r"(?:[0-9.]+|localhost|\[[0-9a-fA-F:]+\]|[\w-]+(?:\.[\w-]+)+):[0-9]+")
+_FRAMING = re.compile(r":(?P<framing>[5-8][NEO][12])", re.IGNORECASE)
 _BARE_DEVICE = re.compile(r"/.*|COM[0-9]+(?:[,:?].*)?", re.IGNORECASE)
 
 
@@ -26,11 +29,17 @@ class Endpoint(NamedTuple):
 
     scheme: str
     address: str
-    """host, path of a serial port, or name"""
+    """host, path of a serial port, or name; ``PORT@HOST`` where our own port matters (udpout)"""
     number: int = -1
-    """port of a host, baud rate of a serial port, -1 where neither makes sense"""
+    """port of a host, baud rate of a serial port (`AUTO_BAUD`: found out), -1 where neither makes
+    sense"""
 
     def __str__(self) -> str:
+        if self.scheme == "serial" and self.number == AUTO_BAUD:
+            return f"{self.scheme}:{self.address}:auto"
+        local, at, remote = self.address.partition("@")
+        if at and self.scheme == "udpout":
+            return f"udp://:{local}@{Endpoint('', remote, self.number)}".replace("@:", "@")
         ipv6 = ":" in self.address and not self.address.startswith("/")
         address = f"[{self.address}]" if ipv6 else self.address
         return f"{self.scheme}:{address}" + (f":{self.number}" if self.number >= 0 else "")
@@ -42,6 +51,8 @@ def split(url: str) -> tuple[str, str]:
         raise ValueError("has spaces or unprintable characters in it")
     if _BARE_DEVICE.fullmatch(url):
         return "serial", url
+    if _BARE_HOST_PORT.fullmatch(url):  # as pymavlink and MAVProxy read it
+        return "udpin", url
     scheme, colon, rest = url.partition(":")
     if not colon:
         raise ValueError(
@@ -75,12 +86,30 @@ def host_port(scheme: str, rest: str, *, default_port: int, listens: bool) -> En
     return Endpoint(scheme, host or "0.0.0.0", port)
 
 
+def udp(scheme: str, rest: str, *, default_port: int) -> Endpoint:
+    """As `host_port` of a listener, and mavros' ``//[HOST][:PORT]@[REMOTE[:PORT]]``: listen on the
+    first, call the second."""
+    own, at, remote = rest.removeprefix("//").removesuffix("/").partition("@")
+    if not at:
+        return host_port(scheme, rest, default_port=default_port, listens=True)
+    listens = host_port(scheme, own, default_port=default_port, listens=True)
+    if not remote:
+        return listens
+    calls = host_port("udpout", remote, default_port=default_port, listens=False)
+    return calls._replace(address=f"{listens.number}@{calls.address}")
+
+
 def serial_port(scheme: str, rest: str) -> Endpoint:
     """``/dev/X``, ``/dev/X,BAUD``, ``/dev/X:BAUD``, ``///dev/X?baudrate=BAUD``, ``COM3``.
 
     The names in /dev/serial/by-path have colons of their own, but never end like a baud rate.
     """
     text, _, query = rest.partition("?")
+    framing = _FRAMING.search(text)
+    if framing and framing.end() == len(text):
+        if framing["framing"].upper() != "8N1":
+            raise ValueError(f"asks for {framing['framing']}; MAVLink is 8N1")
+        text = text[: framing.start()]
     match = _DEVICE_BAUD.fullmatch(text)
     assert match is not None, "the pattern takes anything"
     device = "/" + match["device"].lstrip("/") if text.startswith("/") else match["device"]
@@ -95,6 +124,8 @@ def serial_port(scheme: str, rest: str) -> Endpoint:
         bauds.append(value)
     if len(bauds) > 1:
         raise ValueError("has two baud rates")
+    if bauds == ["auto"]:
+        return Endpoint(scheme, device, AUTO_BAUD)
     baud = _number(bauds[0], "baud rate", *BAUD_RANGE) if bauds else _usual_baud(device)
     return Endpoint(scheme, device, baud)
 

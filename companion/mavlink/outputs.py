@@ -184,6 +184,8 @@ class Outputs:
         self.source = Source.NONE
         """whose height the last ALTITUDE carried"""
         self._altitude_slots = Schedule(settings.altitude_hz)
+        self._own_slots = Schedule(settings.altitude_hz)
+        """of the vehicle's own heights: they must not take the slots that bring ours back"""
         self._debug_slots = Schedule(settings.debug_hz)
         self._leap = Leap()
         self._boots = 0
@@ -216,7 +218,7 @@ class Outputs:
         is_ours = ours_us is not None and abs(now_us - ours_us) < OURS_MISSING_US
         if (health is not Health.LOST and is_ours) or not self._may_send(now_us):
             return None
-        if not self._altitude_slots.takes(own.time_us):
+        if not self._own_slots.takes(own.time_us):
             return None
         return self._of_vehicle(own, now_us)
 

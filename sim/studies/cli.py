@@ -11,7 +11,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from companion.log_cli import ExpectOption, JunitOption, conclude
+
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from companion.replay.expect import Expectation
     from sim.studies.runs import Row
 
 CAMPAIGN_EXAMPLES = """\b
@@ -52,14 +57,18 @@ def campaign(
     out: Annotated[Path, typer.Option(help="Folder of the results.", metavar="DIR")] = Path(
         "out/campaign"
     ),
+    expect: ExpectOption = None,
+    junit: JunitOption = None,
 ) -> None:
     """Scenario x seed x estimator to Parquet and a table; a campaign that was stopped goes on where
     it was."""
+    from companion.replay import expect as expecting
     from companion.settings import CompanionSettings
     from sim.studies import campaign as fleet
     from sim.studies.runs import executor_of
 
     fleet.require_parquet()
+    expectations = expecting.parse(expect or [])
     settings = CompanionSettings().with_assignments(changes or [])
     jobs = fleet.jobs_of(scenarios, seeds, _estimators(estimator), settings)
     with (
@@ -69,6 +78,27 @@ def campaign(
         rows = fleet.run(jobs, executor, out, report)
     _print_campaign(fleet.summary(rows), fleet.failures(rows))
     print(f"wrote {out / 'campaign.parquet'} ({len(rows)} rows)")
+    _hold(rows, _estimators(estimator), expectations, junit)
+
+
+def _hold(
+    rows: "Sequence[Row]",
+    estimators: "Sequence[str]",
+    expectations: "Sequence[Expectation]",
+    junit: Path | None,
+) -> None:
+    """Hold expectations against every flight of every estimator; a flight that failed meets none."""
+    from companion.replay.expect import hold
+
+    outcomes = [
+        outcome
+        for row in rows
+        if row["source"] in estimators or row["error"] is not None
+        for outcome in hold(
+            f"{row['scenario']} seed {row['seed']} {row['source'] or 'failed'}", expectations, row
+        )
+    ]
+    conclude("kollsman-sim campaign", outcomes, junit)
 
 
 def gallery(

@@ -6,6 +6,7 @@ import errno
 import os
 import select
 import socket
+import termios
 import time
 import tty
 from collections.abc import Callable, Iterator
@@ -17,6 +18,7 @@ import pytest
 from companion.clock import Clock, ManualClock, SystemClock
 from companion.errors import LinkError
 from companion.links import SCHEMES, Link, LinkState, memory, open_link
+from tests.vehicle import Vehicle, heartbeat
 
 FRAMES = [bytes([0xFD, *number.to_bytes(2, "big")]) + bytes(37) for number in range(1000)]
 PATIENCE_S = 2.0
@@ -525,11 +527,16 @@ def test_udpout_waits_for_a_peer_that_starts_later() -> None:
             assert peer.read(PATIENCE_S) == b"hello"
 
 
-def test_udpout_without_a_route_drops_and_keeps_trying() -> None:
+def test_udpout_without_a_route_drops_and_keeps_trying(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A mock: this computer may have a route to everywhere."""
+
+    class Unreachable(socket.socket):
+        def send(self, data: object, flags: int = 0, /) -> int:
+            raise OSError(errno.ENETUNREACH, "Network is unreachable")
+
+    monkeypatch.setattr("companion.links.udp.socket.socket", Unreachable)
     clock = ManualClock()
-    with contextlib.closing(
-        open_link("udpout:255.255.255.255:9", clock)
-    ) as link:  # no broadcast without asking for it
+    with contextlib.closing(open_link("udpout:127.0.0.1:9", clock)) as link:
         for _ in range(5):
             assert link.send(b"hello") is False
             clock.advance_s(1.0)
@@ -621,6 +628,94 @@ def test_serial_error_while_reading_is_a_loss(
         assert states == [LinkState.LOST, LinkState.OPEN]
         peer.write(b"y")
         assert link.receive(PATIENCE_S) == b"y"
+
+
+@pytest.mark.parametrize("away_s", [0.5, 3.0, 6.0])
+@pytest.mark.parametrize("kind", ["serial", "tcp"])
+def test_a_peer_that_is_back_is_met_within_two_seconds(
+    tmp_path: Path, kind: str, away_s: float
+) -> None:
+    peer = PtyPeer(tmp_path) if kind == "serial" else TcpListener()
+    with contextlib.closing(peer), contextlib.closing(open_link(peer.url)) as link:
+        rig = Rig(peer, link, SystemClock())
+        rig.meet()
+        peer.write(b"x")
+        assert link.receive(PATIENCE_S)
+        rig.lose()
+        end_s = time.monotonic() + away_s
+        while time.monotonic() < end_s:
+            link.receive(0.1)
+        peer.come_back()
+        started = time.monotonic()
+        rig.meet()
+        assert time.monotonic() - started < 1.3
+
+
+def test_a_usb_device_is_found_under_another_number(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was ttyACM0, it comes back as ttyACM1; by-id points to it."""
+    by_id = tmp_path / "by-id"
+    by_id.mkdir()
+    monkeypatch.setattr("companion.links.serial_port.BY_ID", str(by_id))
+    with contextlib.closing(PtyPeer(by_id)) as peer:
+        numbered = tmp_path / "ttyACM0"
+        numbered.symlink_to(os.readlink(by_id / "autopilot"))
+        with contextlib.closing(open_link(f"{numbered}:57600")) as link:
+            rig = Rig(peer, link, SystemClock())
+            rig.meet()
+            rig.lose()
+            numbered.unlink()
+            peer.come_back()
+            rig.meet()
+            peer.write(b"again")
+            assert rig.hear(5) == b"again"
+
+
+def test_a_serial_port_that_appears_later(tmp_path: Path) -> None:
+    peer = PtyPeer(tmp_path)
+    peer.vanish()
+    with contextlib.closing(open_link(peer.url)) as link:
+        assert link.receive(0.1) == b""
+        states = [link.state]
+        peer.come_back()
+        with contextlib.closing(peer):
+            Rig(peer, link, SystemClock()).meet()
+            states.append(link.state)
+    assert states == [LinkState.WAITING, LinkState.OPEN]
+
+
+@pytest.mark.parametrize("baud", [57600, 115200, 921600])
+def test_baud_rate_is_found_by_whole_frames(tmp_path: Path, baud: int) -> None:
+    """The far side is understood only at its own rate, as on a UART."""
+    frame = Vehicle().pack(heartbeat())
+    code = {57600: termios.B57600, 115200: termios.B115200, 921600: termios.B921600}[baud]
+    with contextlib.closing(PtyPeer(tmp_path)) as peer:
+        url = peer.url.replace(":57600", ":auto")
+        with contextlib.closing(open_link(url)) as link:
+            heard, give_up = b"", time.monotonic() + 6.0
+            while frame * 3 not in heard:
+                assert time.monotonic() < give_up
+                speed = termios.tcgetattr(peer._slave)[5]
+                peer.write(frame if speed == code else bytes(255 - b // 2 for b in frame))
+                heard += link.receive(0.05)
+            assert link.url.endswith(":auto")
+
+
+def test_mavros_spelling_calls_from_its_port() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        local = probe.getsockname()[1]
+    peer = UdpListener()
+    port = peer.url.rpartition(":")[2]
+    with (
+        contextlib.closing(peer),
+        contextlib.closing(open_link(f"udp://:{local}@127.0.0.1:{port}")) as link,
+    ):
+        assert link.send(b"hello")
+        assert peer.read(PATIENCE_S) == b"hello"
+        assert peer.talking is not None
+        assert peer.talking.getpeername()[1] == local
 
 
 def test_memory_pair_is_a_link_on_the_clock_it_is_given() -> None:

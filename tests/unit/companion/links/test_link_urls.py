@@ -1,7 +1,9 @@
 """Link URLs: every spelling, the canonical one, and what the errors say."""
 
 import errno
+import logging
 import os
+import re
 import socket
 import subprocess
 import sys
@@ -13,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from companion.errors import LinkError
-from companion.links import SCHEMES, Endpoint, help_text, open_link, parse_url
+from companion.links import SCHEMES, Endpoint, LinkState, help_text, open_link, parse_url
 from tests.paths import ROOT
 
 SPELLINGS = {
@@ -95,6 +97,11 @@ SPELLINGS = {
         "tcp-l://:5760",
     ],
     "memory:bench": ["memory:bench", "memory://bench"],
+    "udpin:127.0.0.1:14550": ["127.0.0.1:14550"],
+    "udpin:192.168.1.5:14550": ["192.168.1.5:14550", "udp://192.168.1.5:14550@"],
+    "udp://:14555@10.0.0.1:14550": ["udp://:14555@10.0.0.1", "udp://0.0.0.0:14555@10.0.0.1:14550"],
+    "serial:/dev/ttyAMA0:921600": ["/dev/ttyAMA0:921600:8N1", "serial:/dev/ttyAMA0:921600:8n1"],
+    "serial:/dev/ttyAMA0:auto": ["/dev/ttyAMA0:auto", "/dev/ttyAMA0,auto"],
 }
 
 BAD = {
@@ -102,7 +109,6 @@ BAD = {
     "ttyACM0": "neither a serial port such as /dev/ttyACM0",
     "udpin:14550 ": "spaces",
     "udpbcast:10.0.0.255:14550": "unknown scheme 'udpbcast'; use .* serial, udpin, udpout, tcp, tcpin, memory",
-    "192.168.1.5:14550": "unknown scheme '192.168.1.5'",
     "udpin:0.0.0.0:": "bad port number ''",
     "udpin:0.0.0.0:http": "bad port number 'http' .*; write udpin:",
     "udpin:65536": "bad port number '65536'",
@@ -111,7 +117,9 @@ BAD = {
     "udpin:[::1:14550": "brackets",
     "udpin:[::g]:14550": "bad IPv6 address '::g'",
     "udpin:²": "bad port number",
-    "udp://0.0.0.0@10.0.0.1:14550": "bad host name",
+    "udp://a/b@10.0.0.1:14550": "bad host name",
+    "udp://@10.0.0.1:0": "bad port number '0'",
+    "/dev/ttyS0:57600:7E1": "MAVLink is 8N1",
     "udpout:14550": "names no host to call; write udpout:HOST",
     "udpout:host:0": "bad port number '0'",
     "tcp::5760": "names no host to call",
@@ -254,22 +262,27 @@ def test_a_host_name_that_cannot_be_encoded_says_so() -> None:
         open_link("tcp:a..b")
 
 
-def test_a_missing_serial_port_lists_those_that_exist(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+@pytest.mark.parametrize("ports", [["/dev/serial/by-id/usb-Cube-if00", "/dev/ttyACM1"], []])
+def test_a_missing_serial_port_is_waited_for_and_those_that_exist_are_listed(
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+    ports: list[str],
 ) -> None:
     from companion.links import serial_port
 
-    monkeypatch.setattr(
-        serial_port, "serial_ports", lambda: ["/dev/serial/by-id/usb-Cube-if00", "/dev/ttyACM1"]
-    )
-    with pytest.raises(
-        LinkError,
-        match=r"there is no .*; serial ports here: /dev/serial/by-id/usb-Cube-if00, /dev/tty",
-    ):
-        open_link(f"{tmp_path}/ttyACM0")
-    monkeypatch.setattr(serial_port, "serial_ports", list)
-    with pytest.raises(LinkError, match="serial ports here: none, is the cable plugged in"):
-        open_link(f"{tmp_path}/ttyACM0")
+    logging.getLogger("kollsman.links").disabled = False  # import-linter disables loggers
+    monkeypatch.setattr(serial_port, "serial_ports", lambda: ports)
+    link = open_link(f"{tmp_path}/ttyACM0")
+    assert link.state is LinkState.WAITING
+    listed = ", ".join(ports) or "none, is the cable plugged in"
+    assert re.search(rf"there is no .*; serial ports here: {listed}.*waiting", caplog.text)
+    link.close()
+
+
+def test_a_broadcast_address_is_refused() -> None:
+    with pytest.raises(LinkError, match=r"broadcast address; .* udpin:0.0.0.0:14550"):
+        open_link("udpout:255.255.255.255:14550")
 
 
 def test_a_path_that_is_no_serial_port_says_what_it_is(tmp_path: Path) -> None:

@@ -528,3 +528,23 @@ def test_an_outcome_has_what_tests_need() -> None:
     nothing."""
     outcome: Outcome = feed(standing(30, 33, pressure=(5.0, pressure)))
     assert len(outcome.samples) == len(outcome.health) == len(outcome.rows) > 40
+
+
+def test_ours_comes_back_beside_heights_of_the_vehicle_at_another_phase() -> None:
+    """GLOBAL_POSITION_INT comes at 10 Hz, 20 ms beside our slots, and fills in for two seconds of LOST:
+    once we are OK again, our own ALTITUDE is sent at its rate."""
+    outputs = Outputs(CompanionSettings().publish)
+    estimate = rows(ESTIMATE)
+    sent = 0
+    for tick in range(500):
+        now_us = 10_000_000 + tick * 10_000
+        health = Health.LOST if tick < 200 else Health.OK
+        if tick % 10 == 2:
+            message = mavlink.MAVLink_global_position_int_message(
+                now_us // 1000, 470000000, 80000000, 500000, 200000, 0, 0, 0, 0
+            )
+            outputs.own_height(message, now_us, health)
+        if tick % 5 == 0:
+            estimate["time_us"], estimate["altitude_amsl_m"] = now_us, 500.0
+            sent += outputs.altitude(now_us, health, estimate) is not None
+    assert sent >= 28

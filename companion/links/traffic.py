@@ -1,0 +1,104 @@
+"""How well a link carries: frames lost for each sender, jitter, and rubbish by cause."""
+
+import math
+import struct
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from functools import cache
+
+from companion.mavlink.codec import Frame, mavlink
+from companion.mavlink.framing import V1_HEADER, V2_HEADER
+
+MOST_SENDERS = 64
+LATEST = 128
+"""A sequence number further ahead is a late or repeated frame, or a restart of its sender."""
+JITTER_GAIN = 1 / 16
+"""of the running mean of RFC 3550, section 6.4.1"""
+
+
+@dataclass
+class Sender:
+    """One system and component on one link."""
+
+    frames: int = 0
+    lost: int = 0
+    """missing by sequence number"""
+    jitter_s: float = 0.0
+    """mean deviation of the transit time (RFC 3550); 0 while no message tells the time"""
+    _sequence: int | None = None
+    _transit_us: dict[int, int] = field(default_factory=dict)
+
+    def take(self, frame: Frame, now_us: int) -> None:
+        """Count a frame that arrived at `now_us` on the host's clock."""
+        self.frames += 1
+        if self._sequence is not None:
+            gap = (frame.sequence - self._sequence - 1) % 256
+            self.lost += gap if gap < LATEST else 0
+        self._sequence = frame.sequence
+        boot_ms = _boot_ms(frame)
+        if boot_ms is None:
+            return
+        transit_us = now_us - boot_ms * 1000
+        before_us = self._transit_us.get(frame.message_id)
+        self._transit_us[frame.message_id] = transit_us
+        if before_us is not None and abs(transit_us - before_us) < 10_000_000:  # else a restart
+            deviation_s = abs(transit_us - before_us) * 1e-6
+            self.jitter_s += (deviation_s - self.jitter_s) * JITTER_GAIN
+
+    @property
+    def loss(self) -> float:
+        """Share of the frames that did not arrive; NaN before the first."""
+        total = self.frames + self.lost
+        return self.lost / total if total else math.nan
+
+
+class Traffic:
+    """The senders heard on one link."""
+
+    def __init__(self) -> None:
+        self.senders: dict[tuple[int, int], Sender] = {}
+
+    def take(self, frames: Iterable[Frame], now_us: int) -> None:
+        """Count frames that arrived together."""
+        for frame in frames:
+            ids = (frame.system_id, frame.component_id)
+            sender = self.senders.get(ids)
+            if sender is None:
+                if len(self.senders) >= MOST_SENDERS:
+                    continue
+                sender = self.senders[ids] = Sender()
+            sender.take(frame, now_us)
+
+    def as_dict(self) -> dict[str, dict[str, float]]:
+        """For reports: ``"1/1": {frames, lost, jitter_s}``."""
+        return {
+            f"{system}/{component}": {
+                "frames": sender.frames,
+                "lost": sender.lost,
+                "jitter_s": round(sender.jitter_s, 4),
+            }
+            for (system, component), sender in sorted(self.senders.items())
+        }
+
+    def __str__(self) -> str:
+        parts = [
+            f"{system}/{component} {100 * sender.loss:.1f} % lost, jitter "
+            f"{1000 * sender.jitter_s:.0f} ms"
+            for (system, component), sender in sorted(self.senders.items())
+        ]
+        return "; ".join(parts) or "nobody heard"
+
+
+@cache
+def _starts_with_boot_ms(message_id: int) -> bool:
+    kind = mavlink.mavlink_map[message_id]
+    return bool(kind.ordered_fieldnames[0] == "time_boot_ms")
+
+
+def _boot_ms(frame: Frame) -> int | None:
+    """``time_boot_ms`` of a message that has it first on the wire; None for others."""
+    if not _starts_with_boot_ms(frame.message_id):
+        return None
+    head = V2_HEADER if frame.version == 2 else V1_HEADER
+    payload = frame.data[head : head + min(4, frame.data[1])].ljust(4, b"\0")
+    return int(struct.unpack("<I", payload)[0])

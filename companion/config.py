@@ -29,7 +29,7 @@ from companion.errors import ConfigError
 
 UNITS = {
     "_m": "m", "_mps": "m/s", "_mps2": "m/s2", "_radps": "rad/s", "_rad": "rad", "_deg": "degrees", "_pa": "Pa",
-    "_hpa": "hPa", "_hpa_per_h": "hPa/h", "_k": "K", "_s": "s", "_us": "us", "_hz": "Hz", "_m2": "m2",
+    "_hpa": "hPa", "_hpa_per_h": "hPa/h", "_k": "K", "_s": "s", "_us": "us", "_hz": "Hz", "_mb": "MB", "_m2": "m2",
     "_m2ps": "m2/s", "_m2ps3": "m2/s3",
     "_mps2_rthz": "m/s2/sqrt(Hz)", "_radps_rthz": "rad/s/sqrt(Hz)", "_rts": "1/sqrt(s)", "_m_rts": "m/sqrt(s)",
     "_mps2_rts": "m/s2/sqrt(s)", "_radps_rts": "rad/s/sqrt(s)", "_h": "h", "_pa_per_k": "Pa/K", "_pa_per_g": "Pa/g",

@@ -8,6 +8,8 @@ equal to the millimetre    geoid is added to the reported accuracy, and beyond 3
 exactly 0 again and again  no height: NaN
 height moves 10 or 100     a wrong unit (0.1, 0.01 likewise): NaN
 times as the barometer's
+no accuracy reported       no height until it moved as the barometer for 5 s, within 35 hPa and a
+                           tenth of the height: such a fix slid by 700 m on the ground
 ========================  =======================================================================
 """
 
@@ -27,6 +29,10 @@ CLIMB_M = 20.0
 FACTORS = (0.01, 0.1, 10.0, 100.0)
 TOLERANCE = 0.2
 UNKNOWN_SD_M = 10.0
+SETTLING_US = 5_000_000
+SETTLED_SPREAD_M = 10.0
+WEATHER_M, TEMPERATURE_RATIO = 300.0, 0.1
+"""Barometer and true height differ by no more than this: 35 hPa, and a column 10 % too warm or cold."""
 MEETS_MIN = 2
 
 
@@ -40,6 +46,9 @@ class Receiver:
         self._name = f"GNSS receiver {instance + 1}"
         self._zeros = self._scaled = 0
         self._start: tuple[float, float] | None = None
+        self._settled = False
+        self._apart: tuple[int, float, float] | None = None
+        """since when, and between which bounds GNSS minus barometer height lies"""
         self._told: set[str] = set()
 
     def check(self, row: Rows, baro_m: float) -> None:
@@ -50,6 +59,7 @@ class Receiver:
         self._check_zero(row)
         self._check_unit(row, baro_m)
         self._check_ellipsoid(row)
+        self._check_unreported(row, baro_m)
 
     def _check_zero(self, row: Rows) -> None:
         is_zero = row[0]["altitude_amsl_m"] == 0.0 and math.isnan(row[0]["altitude_ellipsoid_m"])
@@ -73,6 +83,23 @@ class Receiver:
             if self._scaled >= MEETS_MIN:
                 self._tell(f"climbs {factor:g} times as the barometer: its heights are not used")
         if self._scaled >= MEETS_MIN:
+            row["altitude_amsl_m"] = math.nan
+
+    def _check_unreported(self, row: Rows, baro_m: float) -> None:
+        """A receiver that reports no accuracy must first move as the barometer does, if there is one."""
+        height_m, time_us = float(row[0]["altitude_amsl_m"]), int(row[0]["time_us"])
+        difference_m = height_m - baro_m
+        if self._settled or not math.isfinite(difference_m) or gnss_sd_m(row, 0.0, 0.0) > 0.0:
+            return
+        since_us, low_m, high_m = self._apart or (time_us, difference_m, difference_m)
+        low_m, high_m = min(low_m, difference_m), max(high_m, difference_m)
+        near = abs(difference_m) <= WEATHER_M + TEMPERATURE_RATIO * abs(height_m)
+        if not near or high_m - low_m > SETTLED_SPREAD_M or time_us < since_us:
+            self._apart = time_us, difference_m, difference_m
+        else:
+            self._apart = since_us, low_m, high_m
+            self._settled = time_us - since_us >= SETTLING_US
+        if not self._settled:
             row["altitude_amsl_m"] = math.nan
 
     def _check_ellipsoid(self, row: Rows) -> None:

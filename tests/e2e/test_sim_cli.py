@@ -87,7 +87,7 @@ def test_the_documented_scenario_flies_twice_to_the_same_bytes(tmp_path: Path) -
         (
             ["fly", "short-hop", "--tlog", "x.tlog", "--speed", "fast"],
             2,
-            "--speed 'fast' is neither",
+            "--speed 'fast' is not valid",
         ),
         (
             ["fly", "nothing", "--tlog", "x.tlog"],

@@ -21,10 +21,8 @@ def test_a_flavour_that_is_none_is_wrong_usage(tmp_path: Path) -> None:
     command = [*FLY, "--flavour", "betaflight", "--tlog", str(tmp_path / "x.tlog")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
-    assert (
-        done.stderr
-        == "kollsman-sim: --flavour 'betaflight' is unknown: give one of ardupilot, px4, generic\n"
-    )
+    said = "--flavour 'betaflight' is unknown: give one of ardupilot, copter, px4, generic"
+    assert done.stderr == f"kollsman-sim: {said}\n"
 
 
 @pytest.mark.slow

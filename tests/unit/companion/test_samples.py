@@ -59,7 +59,7 @@ def test_names_say_their_units(dtype: np.dtype[np.void]) -> None:
         "landed",
         "reboot",
     }
-    bare |= {"baro_scale", "drift_probabilities", "faulty"}
+    bare |= {"baro_scale", "drift_probabilities", "fault_probabilities", "faulty"}
     for name in dtype.names or ():
         assert name.endswith(units) or name in bare, name
 

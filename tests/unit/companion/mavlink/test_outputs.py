@@ -520,7 +520,11 @@ def test_any_estimate_can_be_told(climb_mps: float, baro_offset_m: float, sd_m: 
     state = ESTIMATORS["adaptive-fusion"].init(section.params())
     encoder = Encoder(1, 191)
     messages = outputs.debug(10 * SECOND_US, Health.OK, row, state)
-    assert len(parsed([encoder.encode(message) for message in messages])) == len(messages) == 4 + len(NAMED)
+    assert (
+        len(parsed([encoder.encode(message) for message in messages]))
+        == len(messages)
+        == 4 + len(NAMED)
+    )
 
 
 def test_an_outcome_has_what_tests_need() -> None:

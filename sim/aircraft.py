@@ -12,8 +12,9 @@ from collections.abc import Callable
 
 from companion.errors import SimulationError
 from sim import STEP_HZ
-from sim.aircraft_state import G0_MPS2, Controls, Flow, Motion, Truth, Vector
+from sim.aircraft_state import Controls, Flow, Motion, Truth, Vector
 from sim.airframes import MODELS, Model, load
+from sim.constants import G0_MPS2
 
 _FT = 0.3048
 _LB = 0.45359237

@@ -2,8 +2,6 @@
 
 from typing import NamedTuple
 
-G0_MPS2 = 9.80665
-
 Vector = tuple[float, float, float]
 
 

@@ -10,3 +10,6 @@ ZERO_CELSIUS_K = 273.15
 EARTH_M_PER_DEG = 111_319.49
 """a degree of latitude on a sphere of the equator's radius: for errors of metres, not for
 positions"""
+MEAN_EARTH_M_PER_DEG = 111_195.0
+"""a degree of latitude on a sphere of the mean radius"""
+EQUATORIAL_RADIUS_M = 6_378_137.0

@@ -28,12 +28,13 @@ from typing import Any
 
 import numpy as np
 
+from companion.jobs import executor_of
 from companion.mavlink.codec import Decoder, Encoder, Message, mavlink
 from companion.settings import CompanionSettings
 from sim import STEPS_PER_TICK, TICK_US
 from sim.flight import Flight
 from sim.scenario import Scenario, load_scenario
-from sim.studies import campaign, runs
+from sim.studies import campaign
 from tests.long_flights import long_flight
 
 PRESSURE_HZ = 50
@@ -441,7 +442,7 @@ def campaigns(flights: int = 8) -> list[Row]:
         with tempfile.TemporaryDirectory() as folder:
             before = resource.getrusage(resource.RUSAGE_CHILDREN)
             started_s = time.perf_counter()
-            with runs.executor_of(workers, None) as executor:
+            with executor_of(workers, None) as executor:
                 campaign.run(jobs, executor, Path(folder))
             wall_s = time.perf_counter() - started_s
             after = resource.getrusage(resource.RUSAGE_CHILDREN)

@@ -1,4 +1,4 @@
-"""Logs: reading, writing, pacing. A new format is one file and one line in `FORMATS`."""
+"""Logs: reading and writing. A new format is one file and one line in `FORMATS`."""
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator

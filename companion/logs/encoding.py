@@ -6,8 +6,9 @@ What MAVLink cannot hold is left out: rates finer than a millisecond, vertical G
 import math
 from functools import cache
 
+from companion.kernels.atmosphere import G0_MPS2
 from companion.mavlink.codec import Encoder, Frame, Message, mavlink
-from companion.mavlink.convert import G0_MPS2, UNKNOWN_U16, ZERO_CELSIUS_K, Reading
+from companion.mavlink.convert import UNKNOWN_U16, ZERO_CELSIUS_K, Reading
 from companion.recorded import Height, Item
 from companion.samples import Kind
 

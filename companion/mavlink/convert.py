@@ -10,10 +10,10 @@ from collections.abc import Callable
 from enum import Enum
 from typing import Any, NamedTuple
 
+from companion.kernels.atmosphere import G0_MPS2
 from companion.mavlink.codec import Message, mavlink
 from companion.samples import Kind
 
-G0_MPS2 = 9.80665
 ZERO_CELSIUS_K = 273.15
 UNKNOWN_U16 = 65535
 UNKNOWN_U8 = 255

@@ -11,9 +11,10 @@ import math
 from collections import deque
 from statistics import median
 
+from companion.kernels.atmosphere import G0_MPS2
 from companion.mavlink import convert
 from companion.mavlink.codec import Message, mavlink
-from companion.mavlink.convert import G0_MPS2, Reading
+from companion.mavlink.convert import Reading
 
 MILLI_G = 1e-3 * G0_MPS2
 MILLI_MPS2 = 1e-3

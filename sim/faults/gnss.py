@@ -8,11 +8,11 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from companion.samples import FaultySensor, Packet
+from sim.constants import EARTH_M_PER_DEG
 from sim.faults.base import Edit, Effect, Fault, KeyedRandom, Metres, PacketContext
 from sim.faults.editing import Editor
 from sim.faults.values import GPS
 
-_EARTH_M_PER_DEG = 111_319.49
 _UNKNOWN_U16 = 65535
 Rate = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 Span = Annotated[float, Field(gt=0.0, le=1e5)]
@@ -38,9 +38,9 @@ def _blind(message: Editor) -> None:
 
 
 def _move(message: Editor, north_m: float, east_m: float, up_m: float) -> None:
-    message["lat"] = message["lat"] + north_m / _EARTH_M_PER_DEG * 1e7
+    message["lat"] = message["lat"] + north_m / EARTH_M_PER_DEG * 1e7
     shrink = math.cos(math.radians(message["lat"] * 1e-7))
-    message["lon"] = message["lon"] + east_m / (_EARTH_M_PER_DEG * shrink) * 1e7
+    message["lon"] = message["lon"] + east_m / (EARTH_M_PER_DEG * shrink) * 1e7
     message["alt"] = message["alt"] + up_m * 1e3
     _add_known(message, "alt_ellipsoid", up_m * 1e3)
 

@@ -13,7 +13,7 @@ from pydantic import Field
 
 from companion.mavlink.codec import mavlink
 from companion.samples import FaultySensor, Packet
-from sim.aircraft_state import G0_MPS2
+from sim.constants import G0_MPS2
 from sim.faults.base import Edit, Effect, Fault, KeyedRandom, PacketContext, Probability
 from sim.faults.editing import Editor
 

@@ -12,10 +12,10 @@ from enum import Enum, auto
 
 from companion.errors import SimulationError
 from sim.aircraft_state import Truth
+from sim.constants import MEAN_EARTH_M_PER_DEG
 from sim.pilot.autopilot import Mode, Target
 from sim.pilot.gains import Gains
 
-_EARTH_M_PER_DEG = 111_195.0
 _AIM_M = 300.0
 """distance of the glide path's end beyond the beginning of the runway"""
 _SLOWING_MPS2 = 0.5
@@ -192,9 +192,9 @@ class Approach:
 
     def _along_and_right(self, truth: Truth) -> tuple[float, float]:
         site = self._site
-        north_m = (truth.latitude_deg - site.latitude_deg) * _EARTH_M_PER_DEG
+        north_m = (truth.latitude_deg - site.latitude_deg) * MEAN_EARTH_M_PER_DEG
         east_deg = math.remainder(truth.longitude_deg - site.longitude_deg, 360.0)
-        east_m = east_deg * _EARTH_M_PER_DEG * math.cos(math.radians(site.latitude_deg))
+        east_m = east_deg * MEAN_EARTH_M_PER_DEG * math.cos(math.radians(site.latitude_deg))
         sin, cos = math.sin(self._heading_rad), math.cos(self._heading_rad)
         return north_m * cos + east_m * sin - _AIM_M, east_m * cos - north_m * sin
 

@@ -28,11 +28,11 @@ from pydantic import Field
 
 from companion.config import Settings
 from sim.aircraft_state import Truth
+from sim.constants import EARTH_M_PER_DEG
 from sim.sensors import GaussMarkov, SensorConfig, normals
 
 Metres = Annotated[float, Field(ge=0.0, le=1000.0)]
 
-_EARTH_M_PER_DEG = 111_319.49  # of latitude; enough for an error of metres
 
 # [c] was found again in a copy of the data sheet, or with somebody who quotes it; the rest was not.
 PRESETS: Mapping[str, Mapping[str, Any]] = {
@@ -226,12 +226,12 @@ class GnssReceiver:
         arrival_us = self._arrival_us(truth.time_us)
         stamp_us = arrival_us if config.stamp == "arrival" else truth.time_us
         altitude_m = truth.altitude_amsl_m + up_m
-        per_degree_m = _EARTH_M_PER_DEG * math.cos(math.radians(truth.latitude_deg))
+        per_degree_m = EARTH_M_PER_DEG * math.cos(math.radians(truth.latitude_deg))
         fix = Fix(
             truth.time_us,
             stamp_us,
             fix_type if truth.time_us >= self._first_fix_us else 1,
-            truth.latitude_deg + north_m / _EARTH_M_PER_DEG,
+            truth.latitude_deg + north_m / EARTH_M_PER_DEG,
             truth.longitude_deg + east_m / per_degree_m,
             altitude_m,
             altitude_m + config.undulation_m,

@@ -24,7 +24,8 @@ from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from sim.aircraft_state import G0_MPS2, Motion, Vector
+from sim.aircraft_state import Motion, Vector
+from sim.constants import G0_MPS2, ZERO_CELSIUS_K
 from sim.sensors import GaussMarkov, SensorConfig, normal_blocks, normals
 
 Small = Annotated[float, Field(ge=0.0, le=10.0)]
@@ -253,5 +254,5 @@ class Imu:
             time_us,
             self._accelerometers.measure(force, cold_k),
             self._gyros.measure(motion.angular_rate_b_radps, cold_k),
-            round((config.temperature_k - cold_k - 273.15) * 100.0),
+            round((config.temperature_k - cold_k - ZERO_CELSIUS_K) * 100.0),
         )

@@ -62,10 +62,10 @@ def campaign(
 ) -> None:
     """Scenario x seed x estimator to Parquet and a table; a campaign that was stopped goes on where
     it was."""
+    from companion.jobs import executor_of
     from companion.replay import expect as expecting
     from companion.settings import CompanionSettings
     from sim.studies import campaign as fleet
-    from sim.studies.runs import executor_of
 
     fleet.require_parquet()
     expectations = expecting.parse(expect or [])
@@ -121,10 +121,10 @@ def gallery(
 
     Given names, renew their sections of the page.
     """
+    from companion.jobs import executor_of
     from sim.scenario import load_scenario, scenario_paths
     from sim.studies import campaign as fleet
     from sim.studies import gallery as pictures
-    from sim.studies.runs import executor_of
 
     flights = [load_scenario(name) for name in scenarios or scenario_paths()]
     jobs = [fleet.Job(flight, flight.seed, _estimators(estimator)) for flight in flights]

@@ -9,19 +9,16 @@ continues. A job that fails has an error in place of a result; it is tried again
 import hashlib
 import json
 import logging
-import os
 import pickle
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor, Future, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from importlib.metadata import version
-from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -29,7 +26,6 @@ from pydantic import BaseModel
 
 import companion
 import sim
-from companion.errors import ConfigError
 from companion.jit import cache_directory, source_hash
 from sim.flight import Flight, Summary
 from sim.scenario import Scenario
@@ -180,50 +176,6 @@ def _code_hash() -> str:
         for path in sorted(root.rglob("*.py")):
             digest.update(str(path.relative_to(root)).encode() + path.read_bytes())
     return digest.hexdigest()
-
-
-# Executors
-
-
-@contextmanager
-def executor_of(workers: int, scheduler: str | None = None) -> Iterator[Executor]:
-    """A pool of `workers` processes, or the Dask cluster whose scheduler is at an address such as
-    tcp://host:8786.
-
-    Raises `ConfigError` when Dask is not installed or the scheduler does not answer.
-    """
-    if scheduler is None:
-        with ProcessPoolExecutor(
-            workers, mp_context=get_context("spawn"), initializer=_start_worker
-        ) as pool:
-            try:
-                yield pool
-            except BaseException:  # Ctrl-C must not wait for all that was submitted
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
-        return
-    try:
-        from distributed import Client
-    except ImportError:
-        raise ConfigError("--scheduler needs Dask: pip install 'kollsman[fleet]'") from None
-    try:
-        client = Client(scheduler, timeout=10, set_as_default=False)
-    except (OSError, TimeoutError, ValueError) as error:
-        raise ConfigError(f"no Dask scheduler answers at {scheduler}: {error}") from None
-    with client:
-        yield client.get_executor()
-
-
-def _start_worker() -> None:
-    """A worker ends with its parent, which may be killed before it can say so."""
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
 
 
 # Flights

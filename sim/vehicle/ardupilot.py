@@ -15,7 +15,8 @@ from enum import Enum
 
 from companion.mavlink.codec import mavlink
 from sim import BOOT_UNIX_US
-from sim.aircraft_state import G0_MPS2, Motion, Truth
+from sim.aircraft_state import Motion, Truth
+from sim.constants import G0_MPS2, ZERO_CELSIUS_K
 from sim.sensors.barometer import Pressure
 from sim.sensors.gnss import Fix
 from sim.sensors.imu import ImuSample
@@ -191,7 +192,7 @@ def scaled_pressure(state: State) -> bytes | None:
     if sample is None or truth is None:
         return None
     pitot_hpa = 0.5 * 1.225 * truth.airspeed_mps**2 * 0.01
-    die_cdegc = round((sample.die_temperature_k - 273.15) * 100.0)
+    die_cdegc = round((sample.die_temperature_k - ZERO_CELSIUS_K) * 100.0)
     return _SCALED_PRESSURE.wire(
         state.time_us // 1000, sample.pressure_pa * 0.01, pitot_hpa, die_cdegc, 0
     )
@@ -201,7 +202,7 @@ def hygrometer_sensor(state: State) -> bytes | None:
     """The probe in the air, if one is fitted; its humidity is unknown."""
     if math.isnan(state.air_temperature_k):
         return None
-    cdegc = round((state.air_temperature_k - 273.15) * 100.0)
+    cdegc = round((state.air_temperature_k - ZERO_CELSIUS_K) * 100.0)
     return _HYGROMETER_SENSOR.named(id=0, temperature=cdegc, humidity=_UNKNOWN_U16)
 
 
@@ -334,7 +335,7 @@ def highres_imu(state: State) -> bytes | None:
         pressure.pressure_pa * 0.01,
         (pressure.pressure_pa - state.ground_pressure_pa) * 0.01,
         state.position.altitude_amsl_m if state.position else 0.0,
-        pressure.die_temperature_k - 273.15,
+        pressure.die_temperature_k - ZERO_CELSIUS_K,
         0x1FFF,
         0,
     )

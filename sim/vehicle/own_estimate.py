@@ -13,6 +13,7 @@ from typing import Annotated, NamedTuple
 from pydantic import Field
 
 from sim.aircraft_state import Truth
+from sim.constants import EARTH_M_PER_DEG
 from sim.sensors import GaussMarkov, SensorConfig, normals
 from sim.sensors.barometer import Pressure
 from sim.sensors.gnss import Fix
@@ -21,7 +22,6 @@ ORIGIN_DELAY_S = 10.0
 """EKF3 takes its origin about ten seconds after the first 3D fix, when its checks of the receiver
 have passed."""
 _SMOOTHING_S = 0.5
-_EARTH_M_PER_DEG = 111_319.49
 
 
 class EstimateConfig(SensorConfig):
@@ -72,7 +72,7 @@ class OwnEstimate:
 
     def on_pressure(self, sample: Pressure) -> None:
         """Critically damped alpha-beta filter of the ISA altitude: no lag in a steady climb."""
-        height_m = _isa_altitude_m(sample.pressure_pa)
+        height_m = isa_altitude_m(sample.pressure_pa)
         dt_s = (sample.time_us - self._pressure_us) * 1e-6
         self._pressure_us = sample.time_us
         if math.isnan(self._height_m):
@@ -102,9 +102,9 @@ class OwnEstimate:
         if fix is None or offset_m is None:
             return None
         age_s = (time_us - fix.measured_us) * 1e-6
-        per_degree_m = _EARTH_M_PER_DEG * math.cos(math.radians(fix.latitude_deg))
+        per_degree_m = EARTH_M_PER_DEG * math.cos(math.radians(fix.latitude_deg))
         return Position(
-            fix.latitude_deg + fix.north_mps * age_s / _EARTH_M_PER_DEG,
+            fix.latitude_deg + fix.north_mps * age_s / EARTH_M_PER_DEG,
             fix.longitude_deg + fix.east_mps * age_s / per_degree_m,
             self._height_m + self._climb_mps * (time_us - self._pressure_us) * 1e-6 + offset_m,
             fix.north_mps,
@@ -121,6 +121,6 @@ class OwnEstimate:
         )
 
 
-def _isa_altitude_m(pressure_pa: float) -> float:
-    """What ArduPilot's AP_Baro makes of a pressure in the troposphere of the standard day."""
-    return 44_330.77 * (1.0 - math.pow(pressure_pa / 101_325.0, 0.190263))
+def isa_altitude_m(pressure_pa: float, sea_level_pa: float = 101_325.0) -> float:
+    """Height, m, at which autopilots' standard troposphere above `sea_level_pa` has a pressure."""
+    return 44_330.77 * (1.0 - math.pow(pressure_pa / sea_level_pa, 0.190263))

@@ -13,12 +13,13 @@ that of ``estimate.py`` (barometric) and not EKF2's.
 import math
 from collections.abc import Mapping
 
-from sim.aircraft_state import G0_MPS2
+from sim.constants import G0_MPS2, ZERO_CELSIUS_K
 from sim.sensors.barometer import Pressure
 from sim.vehicle import ardupilot as common
 from sim.vehicle.ardupilot import Fresh, State, Telemetry, int16
 from sim.vehicle.frames import packer
 from sim.vehicle.magnetic_field import field_b_mgauss
+from sim.vehicle.own_estimate import isa_altitude_m
 
 _AUTOPILOT_PX4 = 12
 _FIXED_WING = 1
@@ -44,7 +45,7 @@ def baro_altitude_m(state: State, sample: Pressure) -> float:
     """``vehicle_air_data.baro_alt_meter``: the standard atmosphere above the pressure of
     SENS_BARO_QNH."""
     qnh_pa = max(1.0, state.parameters.get("SENS_BARO_QNH", STANDARD_QNH_HPA) * 100.0)
-    return 44_330.77 * (1.0 - math.pow(max(1.0, sample.pressure_pa) / qnh_pa, 0.190263))
+    return isa_altitude_m(max(1.0, sample.pressure_pa), qnh_pa)
 
 
 def highres_imu(state: State) -> bytes | None:
@@ -64,7 +65,7 @@ def highres_imu(state: State) -> bytes | None:
         pressure.pressure_pa * 0.01,
         _pitot_hpa(truth.airspeed_mps),
         baro_altitude_m(state, pressure),
-        pressure.die_temperature_k - 273.15,
+        pressure.die_temperature_k - ZERO_CELSIUS_K,
         _MOTION_BITS | _PRESSURE_BITS if is_new else _MOTION_BITS,
         0,
     )
@@ -90,7 +91,7 @@ def scaled_pressure(state: State) -> bytes | None:
     sample, truth = state.pressure, state.truth
     if sample is None or truth is None:
         return None
-    die_cdegc = round((sample.die_temperature_k - 273.15) * 100.0)
+    die_cdegc = round((sample.die_temperature_k - ZERO_CELSIUS_K) * 100.0)
     time_ms = sample.time_us // 1000
     return _SCALED_PRESSURE.wire(
         time_ms, sample.pressure_pa * 0.01, _pitot_hpa(truth.airspeed_mps), die_cdegc, 0

@@ -17,6 +17,7 @@ from pydantic import Field, model_validator
 from companion.config import Settings
 from sim.aircraft import Aircraft
 from sim.aircraft_state import Truth
+from sim.constants import EARTH_M_PER_DEG
 from sim.weather.column import Column, pressure_altitude_m, standard_k
 from sim.weather.fields import (
     Change,
@@ -35,7 +36,6 @@ from sim.weather.ramp import Ramp
 from sim.weather.year import Hours, Year
 
 STANDARD_HPA = 1013.25
-_EARTH_M_PER_DEG = 111_319.49
 _NO_CORIOLIS_DEG = 10.0
 _RESOLVE_K = 5e-4
 """Change of the temperature offset below which the column is not integrated again: 0.04 Pa at 2400
@@ -284,9 +284,9 @@ class Weather:
 
     def _point(self, time_s: float, wind_mps: tuple[float, float]) -> WeatherPoint:
         latitude_deg, longitude_deg, altitude_m = self._aircraft.position()
-        north_m = (latitude_deg - self._origin_deg[0]) * _EARTH_M_PER_DEG
+        north_m = (latitude_deg - self._origin_deg[0]) * EARTH_M_PER_DEG
         east_deg = math.remainder(longitude_deg - self._origin_deg[1], 360.0)
-        east_m = east_deg * _EARTH_M_PER_DEG * math.cos(math.radians(latitude_deg))
+        east_m = east_deg * EARTH_M_PER_DEG * math.cos(math.radians(latitude_deg))
         # There is no balance of wind and pressure at the equator.
         latitude_deg = math.copysign(max(abs(latitude_deg), _NO_CORIOLIS_DEG), latitude_deg)
         height_m = altitude_m - self._aircraft.ground_m

@@ -18,7 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-G0_MPS2 = 9.80665
+from sim.constants import G0_MPS2, ZERO_CELSIUS_K
+
 GAS_CONSTANT = 8314.32 / 28.9645
 """J/kg/K, from JSBSim's gas constant and molar mass: a tenth of a pascal less at 5 km than with
 287.05287"""
@@ -71,7 +72,7 @@ def standard_k(altitude_m: float) -> float:
 
 def saturation_pa(temperature_k: Array) -> Array:
     """Vapour pressure over water [Alduchov and Eskridge 1996, eq. 21]."""
-    celsius = temperature_k - 273.15
+    celsius = temperature_k - ZERO_CELSIUS_K
     found: Array = 610.94 * np.exp(17.625 * celsius / (np.maximum(celsius, -100.0) + 243.04))
     return found
 

@@ -12,6 +12,7 @@ from pydantic import Field, field_validator
 
 from companion.config import Settings
 from companion.errors import SimulationError
+from sim.constants import ZERO_CELSIUS_K
 from sim.weather.column import Column, saturation_pa
 from sim.weather.fields import Wind
 from sim.weather.ramp import Ramp
@@ -158,8 +159,8 @@ def parse(lines: tuple[str, ...]) -> list[Report]:
             Report(
                 time_s,
                 None if report.press is None else report.press.value("HPA"),
-                None if report.temp is None else report.temp.value("C") + 273.15,
-                None if report.dewpt is None else report.dewpt.value("C") + 273.15,
+                None if report.temp is None else report.temp.value("C") + ZERO_CELSIUS_K,
+                None if report.dewpt is None else report.dewpt.value("C") + ZERO_CELSIUS_K,
                 _wind(
                     speed_mps, None if report.wind_dir is None else float(report.wind_dir.value())
                 ),

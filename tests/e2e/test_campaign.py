@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from companion.config import validate
+from companion.jobs import executor_of
 from sim.scenario import Scenario, load_scenario
 from sim.studies import campaign, runs
 
@@ -150,7 +151,7 @@ def test_a_killed_campaign_goes_on_where_it_was(tmp_path: Path) -> None:
 
 _ORPHANING = """
 import os, time
-from sim.studies.runs import executor_of
+from companion.jobs import executor_of
 
 if __name__ == "__main__":
     with executor_of(1, None) as pool:
@@ -217,7 +218,7 @@ def test_dask_cluster_gives_the_same_rows(tmp_path: Path) -> None:
         LocalCluster(
             n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
         ) as cluster,
-        runs.executor_of(1, cluster.scheduler_address) as executor,
+        executor_of(1, cluster.scheduler_address) as executor,
     ):
         there = campaign.run(jobs, executor, tmp_path / "there")
     for a, b in zip(here, there, strict=True):

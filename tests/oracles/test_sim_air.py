@@ -8,7 +8,8 @@ import pytest
 from companion.errors import SimulationError
 from sim import STEP_HZ
 from sim.aircraft import Aircraft
-from sim.aircraft_state import G0_MPS2, Controls
+from sim.aircraft_state import Controls
+from sim.constants import G0_MPS2
 from sim.weather import PressurePoint, TemperaturePoint, Weather, WeatherConfig
 from sim.weather.fields import Wind
 

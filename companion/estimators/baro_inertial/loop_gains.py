@@ -6,8 +6,9 @@ Letters as in `companion.estimators.baro_inertial.damping_loop`.
 import math
 
 from companion.jit import step
+from companion.kernels.atmosphere import G0_MPS2
 
-TWO_WS2 = 2.0 * 9.80665 / 6_371_000.0
+TWO_WS2 = 2.0 * G0_MPS2 / 6_371_000.0
 """2 w_s^2, 1/s2."""
 BARO_ALONE = (2.0, 1.0, 0.0)
 """Gains without an IMU: critical damping at 1 rad/s."""

@@ -49,7 +49,8 @@ class Context:
         weight: Callable[[Job], float] | None = None,
     ) -> "list[Done[Job, Result]]":
         """`function` of every job on a pool of processes (`sim.studies.runs`), with progress."""
-        from sim.studies.runs import executor_of, kept_parts, run
+        from companion.jobs import executor_of
+        from sim.studies.runs import kept_parts, run
 
         def report(done: int, newest: object) -> None:
             self.progress(done / max(1, len(jobs)), f"{done} of {len(jobs)} jobs")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from companion.estimators.method import Method
 from companion.estimators.vertical_bank import steps as vb
 from companion.estimators.vertical_bank.settings import VerticalBankSettings
-from companion.kernels.atmosphere import P0_PA, T0_K
+from companion.kernels.atmosphere import EARTH_RADIUS_M, G0_MPS2, L0_KPM, P0_PA, R_AIR, T0_K
 from companion.kernels.earth import gravity_mps2
 from companion.samples import DTYPES, ESTIMATE, ORDER, Kind, Rows, Tables, readable, rows
 
@@ -139,9 +139,9 @@ def smooth_over(values: Array, width: int) -> Array:
 
 def pressure_pa(baro_m: Array) -> Array:
     """Of the troposphere's standard atmosphere."""
-    geopotential_m = 6356766.0 * baro_m / (6356766.0 + baro_m)
+    geopotential_m = EARTH_RADIUS_M * baro_m / (EARTH_RADIUS_M + baro_m)
     return np.asarray(
-        P0_PA * (1.0 - 0.0065 * geopotential_m / T0_K) ** (9.80665 / (287.05287 * 0.0065))
+        P0_PA * (1.0 + L0_KPM * geopotential_m / T0_K) ** (G0_MPS2 / (R_AIR * -L0_KPM))
     )
 
 

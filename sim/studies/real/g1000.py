@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from companion.errors import LogFormatError
 from companion.samples import Kind, Rows, SampleLog
-from sim.constants import G0_MPS2, ZERO_CELSIUS_K
+from sim.constants import EQUATORIAL_RADIUS_M, G0_MPS2, ZERO_CELSIUS_K
 from sim.studies.real.gnss_errors import STEP_S, GnssError
 from sim.studies.real.recording import (
     Plan,
@@ -31,7 +31,6 @@ from sim.studies.real.recording import (
 Array = NDArray[np.float64]
 
 FT_M, INHG_HPA, KT_MPS = 0.3048, 33.8639, 0.514444
-EARTH_RADIUS_M = 6_378_137.0
 LATENCY_US = 120_000
 """what the intake takes off a GNSS stamp"""
 TICKS = {"pressure": 5, "gnss": 10, "second": 50}
@@ -217,8 +216,8 @@ def _splines(t: Array, columns: dict[str, Array]) -> dict[str, Any]:
     hpa = (qnh_hpa**0.190263 - 8.417286e-5 * indicated_m) ** (1.0 / 0.190263)
     heading = columns["HDG"] if np.isfinite(columns["HDG"]).sum() > 10 else columns["TRK"]
     values = {
-        "n": _smooth((lat - lat[0]) * EARTH_RADIUS_M),
-        "e": _smooth((lon - lon[0]) * EARTH_RADIUS_M * np.cos(lat[0])),
+        "n": _smooth((lat - lat[0]) * EQUATORIAL_RADIUS_M),
+        "e": _smooth((lon - lon[0]) * EQUATORIAL_RADIUS_M * np.cos(lat[0])),
         "h": _smooth(columns["AltMSL"] * FT_M),
         "p": hpa,
         "roll": _smooth(np.radians(_filled(t, columns["Roll"]))),

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from companion.config import validate
 from companion.errors import ConfigError
-from sim.aircraft_state import G0_MPS2, Flow, Motion, Truth
+from sim.aircraft_state import Flow, Motion, Truth
+from sim.constants import G0_MPS2
 from sim.flight import Flight
 from sim.scenario import Scenario
 from sim.sensors import SensorConfig
@@ -421,3 +422,86 @@ def test_new_errors_leave_the_old_samples_alone() -> None:
     first = fixes(GnssConfig(), 200)
     late = fixes(GnssConfig(latency_jitter_s=0.1), 200)
     assert [fix.altitude_amsl_m for fix in first] == [fix.altitude_amsl_m for fix in late]
+
+
+class TestRealBarometers:
+    """Errors that real flights show: port, lift, drift, stamps."""
+
+    def quiet(self, **changes: Any) -> Barometer:
+        return Barometer(BarometerConfig(**(QUIET_BAROMETER | changes)), seed=1, usual_hz=20)
+
+    def read(self, barometer: Barometer, pressures_pa: Series, flow: Flow | None = None) -> Series:
+        step_us = barometer.period_us
+        readings = [
+            barometer.measure(k * step_us, float(p), 285.0, flow).pressure_pa
+            for k, p in enumerate(pressures_pa)
+        ]
+        return np.array(readings)
+
+    def test_lift_raises_the_pressure_once_the_wing_carries(self) -> None:
+        barometer = self.quiet(lift_pa=120.0)
+        errors = [
+            barometer.port_error_pa(Flow(q_pa, 0.0, 300.0, 1.0))
+            for q_pa in (0.0, 240.0, 480.0, 2000.0)
+        ]
+        assert errors == [0.0, 60.0, 120.0, 120.0]
+
+    def test_port_and_ground_effect_differ_between_devices(self) -> None:
+        config = BarometerConfig(static_port=0.13, static_port_sd=0.03, ground_effect_sd=0.05)
+        devices = [Barometer(config, seed) for seed in range(300)]
+        ports = np.array([each.static_port for each in devices])
+        grounds = np.array([each.ground_effect for each in devices])
+        assert ports.mean() == pytest.approx(0.13, abs=0.006)
+        assert ports.std() == pytest.approx(0.03, rel=0.15)
+        assert grounds.std() == pytest.approx(0.05, rel=0.15)
+        assert (grounds > 0).any()
+        assert (grounds < 0).any()
+
+    def test_drift_rate_and_walk_have_their_spread(self) -> None:
+        """Rate .024 Pa/s over 1800 s: after a minute 1.44 Pa; walk .24 Pa/sqrt(s): 1.86 Pa."""
+        constant = np.full(20 * 60 + 1, 95_000.0)
+        ends = []
+        for seed in range(200):
+            config = BarometerConfig(
+                **(QUIET_BAROMETER | {"drift_sd_pa_per_s": 0.024, "walk_pa_rts": 0.24})
+            )
+            error = self.read(Barometer(config, seed, 20), constant) - 95_000.0
+            ends.append(error[-1])
+        assert np.std(ends) == pytest.approx(
+            math.hypot(0.024 * 60.0, 0.24 * math.sqrt(60.0)), rel=0.15
+        )
+
+    def test_late_stamps_err_in_proportion_to_the_climb(self) -> None:
+        """A reading is 0 to 0.3 s old: at -60 Pa/s it is 9 Pa too high on average, sd 5.2 Pa."""
+        climb: Series = 95_000.0 - 60.0 * np.arange(4000, dtype=np.float64) / 20.0
+        error = self.read(self.quiet(stamp_jitter_s=0.3), climb)[20:] - climb[20:]
+        assert error.mean() == pytest.approx(9.0, rel=0.05)
+        assert error.std() == pytest.approx(60.0 * 0.3 / math.sqrt(12.0), rel=0.05)
+        level = self.read(self.quiet(stamp_jitter_s=0.3), np.full(100, 95_000.0))
+        assert np.all(level == 95_000.0)
+
+    @pytest.mark.parametrize("preset", ["real light aircraft", "real small UAV"])
+    def test_presets_measure(self, preset: str) -> None:
+        barometer = Barometer(BarometerConfig(preset=preset), 3)
+        read = self.read(barometer, np.full(2000, 95_000.0), Flow(1200.0, 0.0, 300.0, 1.0))
+        assert np.all(np.abs(read - 95_000.0) < 700.0)
+
+
+def test_a_receiver_falls_to_a_lower_fix_type_and_back() -> None:
+    changes = [{"time_s": 100, "fix": 5}, {"time_s": 200, "fix": 3}, {"time_s": 300, "fix": 6}]
+    config = validate({"preset": "F9P RTK", "rate_hz": 5, "fix_changes": changes}, GnssConfig, "x")
+    heights: dict[int, list[float]] = {}
+    for seed in range(40):
+        receiver = GnssReceiver(config, seed)
+        for k in range(400 * 5):
+            receiver.measure(TRUTH._replace(time_us=k * 200_000))
+            fix = receiver.deliver(k * 200_000 + 199_000)
+            if fix is not None and k > 130:
+                heights.setdefault(fix.fix_type, []).append(fix.altitude_amsl_m - 500.0)
+                assert fix.vertical_sd_m == pytest.approx(
+                    {6: 0.0158, 5: 0.304, 3: 4.203}[fix.fix_type], rel=0.01
+                )
+    assert set(heights) == {3, 5, 6}
+    assert np.std(heights[6]) == pytest.approx(0.016, rel=0.3)
+    assert np.std(heights[5]) == pytest.approx(0.3, rel=0.35)
+    assert np.std(heights[3]) == pytest.approx(4.2, rel=0.35)

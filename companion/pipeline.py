@@ -12,6 +12,7 @@ from typing import Any, Protocol
 
 from companion.checker import Checker
 from companion.estimators import ESTIMATORS, Filter
+from companion.feedback import Feedback, Situation
 from companion.health import HealthMonitor, excluded
 from companion.intake import Intake, SampleReject, restart_row
 from companion.known_air import KnownAir, LiveAir
@@ -36,6 +37,7 @@ SYSTEM_TIME = mavlink.MAVLINK_MSG_ID_SYSTEM_TIME
 ALTITUDE = mavlink.MAVLINK_MSG_ID_ALTITUDE
 SIM_STATE = mavlink.MAVLINK_MSG_ID_SIM_STATE
 GLOBAL_POSITION_INT = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
+PARAM_VALUE = mavlink.MAVLINK_MSG_ID_PARAM_VALUE
 DATA_STREAM = mavlink.MAVLINK_MSG_ID_REQUEST_DATA_STREAM
 COMMANDS = frozenset({mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT})
 PARAMETER_REQUESTS = frozenset(
@@ -80,6 +82,7 @@ class Pipeline:
     observer : sees every sample, truth and publication.
     listeners : what else wants messages of the vehicle, by message id (answers to our requests).
     sends : False when nobody wants the frames to send: none are made, which saves half the time.
+    feedback : one with a mark on disk; default: one without.
     """
 
     def __init__(
@@ -90,6 +93,7 @@ class Pipeline:
         observer: Observer | None = None,
         listeners: Mapping[int, Callable[[Message], None]] | None = None,
         sends: bool = True,
+        feedback: Feedback | None = None,
     ) -> None:
         self.settings = settings
         self._sends = sends
@@ -104,6 +108,7 @@ class Pipeline:
         self._source = Source.NONE
         self._problems: list[str] = []
         self._begin()
+        self.feedback = feedback or Feedback(settings.feedback)
         self.verdicts = [[0] * len(Verdict) for _ in Kind]
         """how many samples of each kind got each verdict"""
         self.heard: dict[int, int] = {}
@@ -125,6 +130,8 @@ class Pipeline:
             *self._thermometers,
             *self._listeners,
         }
+        if self.feedback.knob is not None:
+            self._wanted.add(PARAM_VALUE)
         self.observe(observer)
         self._conflict: Callable[[Frame], None] | None = None
         self._rate_request: Callable[[Frame], None] | None = None
@@ -316,6 +323,7 @@ class Pipeline:
             changed = message and identity.heartbeat(frame, message, arrival_us, source)
             if changed and self.heard:  # not for the first vehicle
                 self._begin()
+                self.feedback.restart()
         origin = identity.origin(frame, arrival_us, source)
         if origin not in FORGERIES:
             self.frames.append(frame)
@@ -366,6 +374,7 @@ class Pipeline:
             listener(message)  # an answer to somebody else's request is not ours
         if message_id == HEARTBEAT:
             self.identity.note(message)
+            self.feedback.heartbeat(convert.is_armed(message))
         elif message_id == ALTITUDE:
             self.outputs.vehicle_altitude(self.now_us)
         elif message_id == SYSTEM_TIME:
@@ -374,8 +383,11 @@ class Pipeline:
             self._compare(True, (self.now_us, *convert.sim_state(message)))
         elif message_id == GLOBAL_POSITION_INT:
             self._compare(False, convert.global_position(message))
+            self.feedback.height(*convert.own_heights(message))
             own_height = self.outputs.own_height(message, self.now_us, self.health.health)
             return self._publish(own_height) if own_height is not None else []
+        elif message_id == PARAM_VALUE:
+            self.feedback.parameter(message)
         sent: list[bytes] = []
         for reading in self._readings(message, message_id):
             sent += self._reading(reading, message_id, arrival_us)
@@ -400,6 +412,7 @@ class Pipeline:
             self.health.restart()
             self.outputs.restart()
             self.checker.restart()
+            self.feedback.restart()
             self._scaled_pressure_us = -PRESSURE_TIMEOUT_US
             self.air.restart()
             sent += self._sample(Kind.STATUS, 0, reboot)
@@ -471,6 +484,10 @@ class Pipeline:
         if changed:
             self._tell_health()
         messages += self.outputs.debug(now_us, health, estimate, self.filter.state)
+        identity = self.identity
+        if identity.vehicle is not None:
+            situation = Situation(health, estimate, identity.vehicle, identity.autopilot)
+            messages += self.feedback.step(now_us, situation)
         return self._encode(messages) if messages else []
 
     def _publish(self, own_height: Message) -> list[bytes]:

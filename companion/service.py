@@ -15,6 +15,7 @@ from companion.backlog import Backlog
 from companion.checkpoint import Checkpoint
 from companion.clock import Clock
 from companion.errors import LogFormatError
+from companion.feedback import start_feedback
 from companion.health import Health
 from companion.links import Link
 from companion.links.routing import Router
@@ -105,7 +106,12 @@ class Service:
             mavlink.MAVLINK_MSG_ID_COMMAND_ACK: self._acknowledged,
             mavlink.MAVLINK_MSG_ID_TIMESYNC: self._time_asked,
         }
-        self.pipeline = Pipeline(settings, observer=observer, listeners=listeners)
+        self.pipeline = Pipeline(
+            settings,
+            observer=observer,
+            listeners=listeners,
+            feedback=start_feedback(settings.feedback, link.url),
+        )
         if earlier is not None:
             self.pipeline.identity.resume(earlier.pipeline.identity, clock.now_us())
         self.pipeline.on_own_ids(self._own_ids_heard)
@@ -231,6 +237,8 @@ class Service:
         """Say goodbye: the message rates go back to what they were, and ALTITUDE carries the
         vehicle's own height, at which a ground station's display will stand."""
         now_us = self.clock.now_us()
+        for message in self.pipeline.feedback.stop():
+            self._send(self.pipeline.encode(message), now_us)
         self._send(self.pipeline.farewell(now_us), now_us)
         for message in self._streaming.restore():
             self._send(self.pipeline.encode(message), now_us)

@@ -11,6 +11,7 @@ from companion.checkpoint_settings import CheckpointSettings
 from companion.config import Settings, load, validate
 from companion.errors import ConfigError
 from companion.estimators import DEFAULT_ESTIMATOR, ESTIMATORS
+from companion.feedback import FeedbackSettings
 from companion.health import HealthSettings
 from companion.intake import IntakeSettings
 from companion.known_air import AirSettings
@@ -67,6 +68,7 @@ class CompanionSettings(Settings):
     health: HealthSettings = HealthSettings()
     publish: PublishSettings = PublishSettings()
     streams: StreamSettings = StreamSettings()
+    feedback: FeedbackSettings = FeedbackSettings()
     record: RecordSettings = RecordSettings()
     checkpoint: CheckpointSettings = CheckpointSettings()
     estimators: EstimatorSections = EstimatorSections()

@@ -358,6 +358,7 @@ def reproduce(
 
 
 app.command(epilog=evaluation.EXAMPLES)(evaluation.evaluate)
+app.command(epilog=fleet.FEEDBACK_EXAMPLES)(fleet.feedback)
 app.command(epilog=limits_cli.EXAMPLES)(limits_cli.limits)
 
 

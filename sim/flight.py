@@ -141,7 +141,7 @@ class Flight:
         self._start_sensors(seed, face.baro_hz)
         self._writer = TlogWriter(tlog) if tlog is not None else None
         self.vehicle = Vehicle(
-            OwnEstimate(scenario.sensors.estimate, seed, MOTION_US * 1e-6),
+            OwnEstimate(scenario.sensors.estimate, seed, MOTION_US * 1e-6, face.raise_time_s),
             self._record if self._writer else None,
             face,
         )
@@ -306,7 +306,7 @@ class Flight:
         """The steps at 50 Hz: truth, autopilot, IMU, GNSS, the vehicle's own estimate."""
         state = self.vehicle.state
         state.truth = truth = self.aircraft.truth()
-        self._fly(truth)
+        self._fly(self.profile.seen(truth, state.position, self.scenario.flown_by))
         if self.time_us % self.imu.period_us == 0:
             state.motion = self.aircraft.mean_motion()
             state.imu = self.imu.measure(self.time_us, state.motion)

@@ -101,6 +101,9 @@ class Scenario(Settings):
     runway: Runway = Runway()
     aloft: Aloft | None = None
     """An aircraft without an engine needs it."""
+    flown_by: Literal["truth", "estimate"] = "truth"
+    """altitude that climbs, holds and descents follow: the true one, or the vehicle's own estimate
+    with the weather's error in it; near the ground it is the true one"""
     endless_fuel: bool = False
     """whether the engines burn no fuel; if false, a flight whose tanks are empty ends with an
     error"""

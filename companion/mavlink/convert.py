@@ -142,8 +142,12 @@ def distance_sensor(message: Message) -> Readings:
 
 def heartbeat(message: Message) -> Readings:
     """HEARTBEAT: armed or not."""
-    armed = int(bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED))
-    return (Reading(Kind.STATUS, TimeBase.NONE, 0, 0, (armed, -1, 0)),)
+    return (Reading(Kind.STATUS, TimeBase.NONE, 0, 0, (int(is_armed(message)), -1, 0)),)
+
+
+def is_armed(message: Message) -> bool:
+    """HEARTBEAT: whether the vehicle is armed."""
+    return bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
 
 
 def extended_sys_state(message: Message) -> Readings:

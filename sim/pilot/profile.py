@@ -13,6 +13,7 @@ from sim.aircraft_state import Truth
 from sim.pilot.approach import Approach, LandingSite
 from sim.pilot.autopilot import Mode, Target
 from sim.pilot.gains import Gains
+from sim.vehicle.own_estimate import Position
 
 Heading = Annotated[float, Field(ge=0.0, lt=360.0)]
 Altitude = Annotated[float, Field(ge=-400.0, le=20_000.0)]
@@ -146,6 +147,13 @@ class Profile:
             return self._approach.update(truth)
         self._capture(truth)
         return self._target
+
+    def seen(self, truth: Truth, own: Position | None, flown_by: str) -> Truth:
+        """What the autopilot flies by: the truth, in a leg in the air with the vehicle's own
+        altitude if `flown_by` says "estimate"."""
+        if own is None or flown_by == "truth" or not isinstance(self.leg, Flown):
+            return truth
+        return truth._replace(altitude_amsl_m=own.altitude_amsl_m)
 
     def describe(self) -> str:
         """The leg in a few words, for STATUSTEXT and the progress bar."""

@@ -19,6 +19,12 @@ if TYPE_CHECKING:
     from companion.replay.expect import Expectation
     from sim.studies.runs import Row
 
+FEEDBACK_EXAMPLES = """\b
+Examples:
+  kollsman-sim feedback
+  kollsman-sim feedback --no-hours --out out/feedback
+"""
+
 CAMPAIGN_EXAMPLES = """\b
 Examples:
   kollsman-sim campaign weather-change calm-circuit --seeds 20
@@ -135,6 +141,42 @@ def gallery(
         page = pictures.build(jobs, executor, out, lambda _: advance())
     size_mb = sum(path.stat().st_size for path in page.parent.iterdir()) / 1e6
     print(f"wrote {out / page.name}: {len(jobs)} scenarios, {size_mb:.2f} MB with the figures")
+
+
+def feedback(
+    *,
+    hours: Annotated[
+        bool,
+        typer.Option(
+            "--hours/--no-hours", help="Fly also an hour's hold in the weather of scenarios."
+        ),
+    ] = True,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes. Default: one a core.", metavar="N")
+    ] = None,
+    out: Annotated[
+        Path, typer.Option(help="Folder of the page and figures.", metavar="DIR")
+    ] = Path("docs/feedback"),
+) -> None:
+    """Measure the feedback: a vehicle that flies by its own altitude, with and without it, through
+    drifts, faults and weather."""
+    from companion.jobs import executor_of
+    from sim.studies import feedback as measured
+    from sim.studies.runs import kept_parts
+
+    cases = measured.CASES + (measured.HOURS if hours else ())
+    with (
+        executor_of(workers or os.cpu_count() or 1) as executor,
+        _flight_bar(2 * len(cases)) as bar,
+    ):
+        page = measured.study(
+            cases,
+            executor,
+            out,
+            parts=kept_parts(),
+            on_done=lambda done: bar(completed=done),
+        )
+    print(f"wrote {page}: {len(cases)} cases")
 
 
 def _estimators(chosen: list[str] | None) -> tuple[str, ...]:

@@ -1,7 +1,7 @@
 """Whose autopilot the vehicle looks like: what it streams, which parameters it has, and how it
 answers."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -56,6 +56,10 @@ class Flavour:
     10 Hz"""
     timesync_us: int = 0
     """it asks for the time every so often; 0 never"""
+    raised_m: Callable[[Mapping[str, float], float], float] = lambda values, pressure_pa: 0.0
+    """(parameters, pressure) -> by how much the parameters raise the barometric altitude"""
+    raise_time_s: float = 0.0
+    """time constant with which it follows them"""
     listing_slowdown: int = 1
     """streams are so much slower on a link that the parameters are listed on"""
 
@@ -118,6 +122,8 @@ ARDUPILOT = Flavour(
     buckets=10,
     baro_hz=10,
     timesync_us=10_000_000,
+    raised_m=lambda values, pressure_pa: values["BARO_ALT_OFFSET"],
+    raise_time_s=2.0,  # AP_Baro::update follows the parameter by 5 % at 10 Hz
     listing_slowdown=4,
 )
 COPTER = replace(
@@ -134,6 +140,7 @@ PX4 = Flavour(
     unknown_request=_DENIED,
     groups=False,
     timesync_us=100_000,
+    raised_m=px4.raised_m,
 )
 GENERIC = Flavour(
     name="generic",

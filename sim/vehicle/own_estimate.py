@@ -49,7 +49,11 @@ class Position(NamedTuple):
 class OwnEstimate:
     """Fed with the vehicle's sensors; `position` is None until there is an origin."""
 
-    def __init__(self, config: EstimateConfig, seed: int, attitude_dt_s: float) -> None:
+    def __init__(
+        self, config: EstimateConfig, seed: int, attitude_dt_s: float, raise_time_s: float = 0.0
+    ) -> None:
+        """`raise_time_s`: time constant with which a raised barometric altitude is followed."""
+        self._raise_time_s = raise_time_s
         seed = seed if config.seed is None else config.seed
 
         def error(name: str, sd_deg: float) -> GaussMarkov:
@@ -59,7 +63,12 @@ class OwnEstimate:
         self._roll = error("roll", config.tilt_sd_deg)
         self._pitch = error("pitch", config.tilt_sd_deg)
         self._yaw = error("yaw", config.heading_sd_deg)
+        self.restart()
+
+    def restart(self) -> None:
+        """The vehicle boots: height and origin are unknown again."""
         self._height_m = math.nan
+        self._raised_m = math.nan
         self._climb_mps = 0.0
         self._pressure_us = 0
         self._fix: Fix | None = None
@@ -70,11 +79,19 @@ class OwnEstimate:
     def has_origin(self) -> bool:
         return self._origin_offset_m is not None
 
-    def on_pressure(self, sample: Pressure) -> None:
-        """Critically damped alpha-beta filter of the ISA altitude: no lag in a steady climb."""
-        height_m = isa_altitude_m(sample.pressure_pa)
+    def on_pressure(self, sample: Pressure, raised_m: float = 0.0) -> None:
+        """Critically damped alpha-beta filter of the ISA altitude: no lag in a steady climb.
+
+        `raised_m` is by how much the parameters raise it.
+        """
         dt_s = (sample.time_us - self._pressure_us) * 1e-6
         self._pressure_us = sample.time_us
+        if math.isnan(self._raised_m) or self._raise_time_s == 0.0:
+            self._raised_m = raised_m
+        self._raised_m += (raised_m - self._raised_m) * -math.expm1(
+            -dt_s / (self._raise_time_s or 1.0)
+        )
+        height_m = isa_altitude_m(sample.pressure_pa) + self._raised_m
         if math.isnan(self._height_m):
             self._height_m = height_m
             return

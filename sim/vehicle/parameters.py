@@ -2,8 +2,8 @@
 PARAM_SET does to it.
 
 All are REAL32, so that the two encodings of MAVLink are the same bytes. They are held in memory
-until the end of the flight. Nothing flies by them but SENS_BARO_QNH, which moves PX4's own
-ALTITUDE.
+until the end of the flight. Of these, BARO_ALT_OFFSET and SENS_BARO_QNH move the vehicle's own
+altitude.
 """
 
 import math
@@ -126,6 +126,7 @@ PX4 = (
     Parameter("EKF2_GPS_V_GATE", 5.0),
     Parameter("EKF2_GPS_V_NOISE", 0.3),
     Parameter("EKF2_GYR_B_NOISE", 0.001),
+    Parameter("EKF2_HGT_REF", 0.0),  # barometer, as the estimate here; PX4's default is 1, GNSS
     Parameter("EKF2_GYR_NOISE", 0.015),
     Parameter("EKF2_REQ_EPH", 3.0),
     Parameter("EKF2_REQ_EPV", 5.0),

@@ -48,6 +48,16 @@ def baro_altitude_m(state: State, sample: Pressure) -> float:
     return isa_altitude_m(max(1.0, sample.pressure_pa), qnh_pa)
 
 
+def raised_m(parameters: Mapping[str, float], pressure_pa: float) -> float:
+    """By how much SENS_BARO_QNH raises the altitude at a pressure."""
+    qnh_hpa = parameters["SENS_BARO_QNH"]
+    if qnh_hpa == STANDARD_QNH_HPA:
+        return 0.0
+    standard = math.pow(max(1.0, pressure_pa) / (STANDARD_QNH_HPA * 100.0), 0.190263)
+    chosen = math.pow(max(1.0, pressure_pa) / max(1.0, qnh_hpa * 100.0), 0.190263)
+    return 44_330.77 * (standard - chosen)
+
+
 def highres_imu(state: State) -> bytes | None:
     """SI units and gauss, pressures hPa, with bits for what is new in it."""
     sample, truth, pressure = state.imu, state.truth, state.pressure

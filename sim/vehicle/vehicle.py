@@ -105,10 +105,23 @@ class Vehicle:
     def on_pressure(self, sample: Pressure) -> None:
         if self.state.pressure is None:
             self.state.ground_pressure_pa = sample.pressure_pa
-            if "BARO1_GND_PRESS" in self.parameters.values:
-                self.parameters.values["BARO1_GND_PRESS"] = sample.pressure_pa
+            self._calibrate(sample)
         self.state.pressure = sample
-        self.estimate.on_pressure(sample)
+        raised_m = self.flavour.raised_m(self.parameters.values, sample.pressure_pa)
+        self.estimate.on_pressure(sample, raised_m)
+
+    def _calibrate(self, sample: Pressure) -> None:
+        """ArduPilot calibrates its barometer to the ground's pressure at boot and at arming."""
+        if "BARO1_GND_PRESS" in self.parameters.values:
+            self.parameters.values["BARO1_GND_PRESS"] = sample.pressure_pa
+
+    def reboot(self) -> None:
+        """Its own estimate begins anew, where it is; ArduPilot's calibration at boot sets
+        BARO_ALT_OFFSET to 0. Streams and clock go on: see the fault ``reboot`` for those."""
+        if "BARO_ALT_OFFSET" in self.parameters.values:
+            self.parameters.values["BARO_ALT_OFFSET"] = 0.0
+        self.state.pressure = self.state.home = self.state.origin = None
+        self.estimate.restart()
 
     def on_fix(self, fix: Fix) -> None:
         self.state.fix = fix
@@ -123,6 +136,8 @@ class Vehicle:
         word = "armed" if armed else "disarmed"
         self.say(f"Throttle {word}" if self.flavour.ardupilot else word.capitalize())
         if armed:
+            if self.state.pressure is not None:
+                self._calibrate(self.state.pressure)
             self._set_home()
 
     def _set_home(self) -> None:

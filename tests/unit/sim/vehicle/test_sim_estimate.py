@@ -8,6 +8,7 @@ from sim.aircraft_state import Truth
 from sim.sensors.barometer import Pressure
 from sim.sensors.gnss import Fix
 from sim.vehicle.own_estimate import ORIGIN_DELAY_S, EstimateConfig, OwnEstimate
+from sim.vehicle.px4 import raised_m
 from sim.weather.ramp import Ramp
 
 TRUTH = Truth(
@@ -71,6 +72,38 @@ def test_a_steady_climb_is_followed_without_lag() -> None:
     assert position is not None
     assert position.climb_mps == pytest.approx(5.0, abs=1e-3)
     assert position.altitude_amsl_m == pytest.approx(1000.0 + 5.0 * 20.03, abs=0.01)
+
+
+def test_a_raised_altitude_is_followed_as_ardupilot_follows_its_offset() -> None:
+    """5 % of the difference at 10 Hz: two seconds to 64 %."""
+    estimate = OwnEstimate(EstimateConfig(), 1, 0.02, 2.0)
+    start_us = climbed(estimate, 300.0, 0.0, ORIGIN_DELAY_S + 20.0)
+    before = estimate.position(start_us)
+    assert before is not None
+    heights_m = []
+    for tick in range(1, 201):
+        time_us = start_us + tick * 100_000
+        estimate.on_pressure(Pressure(time_us, pressure_pa(300.0), 290.0), 10.0)
+        position = estimate.position(time_us)
+        assert position is not None
+        heights_m.append(position.altitude_amsl_m - before.altitude_amsl_m)
+    assert heights_m[1] < 1.0
+    assert 5.0 < heights_m[24] < 8.0
+    assert heights_m[-1] == pytest.approx(10.0, abs=0.01)
+
+
+def test_a_restart_begins_anew() -> None:
+    estimate = OwnEstimate(EstimateConfig(), 1, 0.02)
+    time_us = climbed(estimate, 300.0, 0.0, ORIGIN_DELAY_S + 20.0)
+    estimate.restart()
+    assert estimate.position(time_us) is None
+    assert not estimate.has_origin
+
+
+def test_a_qnh_raises_the_altitude_by_eight_metres_a_hectopascal() -> None:
+    parameters = {"SENS_BARO_QNH": 1014.25}
+    assert raised_m(parameters, 101_325.0) == pytest.approx(8.32, abs=0.02)
+    assert raised_m({"SENS_BARO_QNH": 1013.25}, 90_000.0) == 0.0
 
 
 def test_there_is_no_position_before_the_origin_and_no_origin_without_a_fix() -> None:

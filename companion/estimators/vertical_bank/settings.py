@@ -87,7 +87,7 @@ class VerticalBankSettings(EstimatorSettings):
     gnss_climb_sd_mps: float = Field(0.6, gt=0, le=100)
     """Spread of a GNSS climb: more than its noise, as its errors last for seconds"""
 
-    temper: float = Field(0.3, gt=0, le=1)
+    tempering_ratio: float = Field(0.3, gt=0, le=1)
     """Share of a measurement's log-likelihood that moves the probabilities: real errors are
     correlated"""
     fault_rate_per_h: float = Field(0.1, gt=0, le=100)

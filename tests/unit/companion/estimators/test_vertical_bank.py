@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from companion.estimators.method import Filter, run_log
 from companion.estimators.vertical_bank import steps as vb
 from companion.estimators.vertical_bank.settings import VerticalBankSettings, crossing_sigma
+from companion.estimators.vertical_bank.state import STATE
 from companion.samples import FaultySensor, Kind, Rows, Verdict, sample
 from tests.flights import Flight, Plan, flight
 
@@ -153,7 +154,7 @@ def test_lasting_baro_step_is_learned() -> None:
 
 
 def test_step_costs_little_and_checkpoint_is_small() -> None:
-    assert vb.STATE.itemsize < 64 * 1024
+    assert STATE.itemsize < 64 * 1024
 
 
 # Integrity

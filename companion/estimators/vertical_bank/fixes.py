@@ -1,0 +1,170 @@
+"""A fix of a receiver: placed, supposed, fused; the first fix, the climb, a second receiver."""
+
+import math
+
+from companion.estimators.judging import GATED, GNSS, IGNORED, USED, judge_gnss, place, tally
+from companion.estimators.vertical_bank.aids import fuse_qnh, fuse_temperature, note_place
+from companion.estimators.vertical_bank.attribution import GNSS_HEIGHT, fault_probability, is_named
+from companion.estimators.vertical_bank.baro_terms.timing import timing_m2
+from companion.estimators.vertical_bank.barometer import note_speed
+from companion.estimators.vertical_bank.beginning import expect_atmosphere, forget_height
+from companion.estimators.vertical_bank.channel import GNSS_BIAS, OFFSET, sees_climb, sees_height
+from companion.estimators.vertical_bank.cycle import (
+    DATUM_SIGMA,
+    OUTAGE_S,
+    conclude,
+    is_blind,
+    predict,
+)
+from companion.estimators.vertical_bank.hypotheses import (
+    SURPRISE_SIGMA,
+    on_gnss_surprise,
+    suppose_after_outage,
+)
+from companion.estimators.vertical_bank.inertial import is_inertial, known_displacement
+from companion.estimators.vertical_bank.mixture import (
+    N,
+    expected,
+    expected_variance,
+    fuse,
+    surprises,
+)
+from companion.estimators.vertical_bank.redundancy import (
+    FAR_SIGMA,
+    NOT_IN_USE,
+    RECEIVERS,
+    choose,
+    follow,
+    is_settled,
+    offset_m,
+)
+from companion.estimators.vertical_bank.reported_accuracy import (
+    expect_gnss,
+    note_fix,
+    slow_m2,
+    stamp_ratio,
+    white_m2,
+)
+from companion.jit import step
+from companion.kernels.attitude import attitude_gnss
+from companion.samples import Rows
+
+FIX_INTERVAL_S = 0.2
+"""Fixes that come faster share the evidence of this time."""
+FASTEST_CLIMB_MPS = 200.0
+
+
+@step
+def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
+    """A fix, which is late and meets the height of its own time: place, predict, suppose, fuse, let
+    hypotheses change, publish."""
+    s, p, instance, time_us = state[0], params[0], sample[0].instance, sample[0].time_us
+    verdict = judge_gnss(state, sample)
+    if verdict != USED:
+        return tally(state, GNSS, verdict)
+    role = choose(s.spares, RECEIVERS, instance, time_us)
+    place(state, GNSS, instance, time_us)
+    note_place(s.aids, sample[0].latitude_deg, sample[0].longitude_deg)
+    if role != NOT_IN_USE:
+        attitude_gnss(s.attitude, sample)
+        note_speed(s.baro, p, time_us, sample[0].ground_speed_mps, 0)
+    predict(state, params, time_us)
+    late_s = (s.bank.now_us - time_us) * 1e-6
+    fix_m = sample[0].altitude_amsl_m - known_displacement(s.imu, s.bank.now_us, time_us)
+    sees_height(s.bank.H, late_s)
+    if role == NOT_IN_USE:
+        return tally(state, GNSS, on_spare_fix(state, params, sample, estimate, fix_m))
+    fix_m -= offset_m(s.spares, RECEIVERS, instance)
+    hear_fix(state, params, sample, fix_m, late_s)
+    conclude(state, params, estimate)
+    return tally(state, GNSS, GATED if is_named(s.named, GNSS_HEIGHT) else USED)
+
+
+@step
+def hear_fix(state: Rows, params: Rows, sample: Rows, fix_m: float, late_s: float) -> None:
+    """A fix of the receiver in use, which says the height `fix_m` of now: suppose what would explain
+    it, fuse."""
+    s, p = state[0], params[0]
+    s.bank.H[GNSS_BIAS] = 1.0
+    elapsed_s = (s.bank.now_us - s.gnss.used_us) * 1e-6 if s.gnss.seen == 1 else FIX_INTERVAL_S
+    note_fix(s.gnss, p, sample, s.bank.path_m)
+    white = white_m2(s.gnss, p, sample)
+    expect_gnss(s.bank, p, slow_m2(p, sample, white), elapsed_s)
+    if s.gnss.seen == 0:
+        meet_gnss(state, params, fix_m)
+    stamp_s = p.timing_sd_s * stamp_ratio(sample[0].fix_type)
+    R = white + timing_m2(stamp_s, s.bank.climb_mps, elapsed_s)
+    s.gnss.innovation_m = fix_m - expected(s.bank, s.bank.H)
+    if p.integrity == 1 and s.gnss.seen == 1 and s.baro.seen == 1:
+        if elapsed_s > OUTAGE_S:
+            blind = is_blind(state)
+            suppose_after_outage(s.bank, p, p.outage_fault_probabilities[0 if blind else 1])
+        if surprises(s.bank, fix_m, R, SURPRISE_SIGMA):
+            on_gnss_surprise(s.bank, p, is_blind(state), elapsed_s)
+    s.gnss.seen, s.gnss.used_us = 1, s.bank.now_us
+    fuse(s.bank, fix_m, R, p.tempering_ratio * min(1.0, elapsed_s / FIX_INTERVAL_S), 0)
+    fuse_climb(state, params, sample[0].climb_mps, late_s)
+
+
+@step
+def meet_gnss(state: Rows, params: Rows, fix_m: float) -> None:
+    """The first fix: until now the height rested on the prior of the offset, which would count
+    twice."""
+    s, p = state[0], params[0]
+    far = False
+    if s.baro.seen == 1:
+        innovation_m = fix_m - expected(s.bank, s.bank.H)
+        S = expected_variance(s.bank, s.bank.H)
+        far = innovation_m * innovation_m > DATUM_SIGMA * DATUM_SIGMA * S
+    forget_height(s.bank)
+    if s.baro.seen == 0:
+        return
+    if far:
+        s.aids.known_qnh_pa = math.nan  # of another place, or a slip of the pen
+    expect_atmosphere(s.bank, p, fix_m)
+    if far:  # the barometer's datum is further off than its prior
+        for i in range(N):
+            s.bank.P[i, OFFSET, OFFSET] += (s.baro.height_m - fix_m) ** 2
+    fuse_qnh(s.aids, s.bank, p, fix_m)
+    fuse_temperature(s.aids, s.bank, p, s.baro.pressure_pa)
+
+
+@step
+def fuse_climb(state: Rows, params: Rows, climb_mps: float, late_s: float) -> None:
+    """A GNSS climb, where there is one; what the climb gained since is integrated. It does not move
+    probabilities, and is not used while the receiver may be wrong."""
+    s, p = state[0], params[0]
+    if not -FASTEST_CLIMB_MPS < climb_mps < FASTEST_CLIMB_MPS:
+        return
+    if fault_probability(s.bank, GNSS_HEIGHT) > 1.0 - p.attribution_probability:
+        return
+    gained_mps = s.imu.up_mps2 * late_s if is_inertial(s.imu, s.bank.now_us) else 0.0
+    sees_climb(s.bank.H, late_s)
+    fuse(s.bank, climb_mps + gained_mps, p.gnss_climb_sd_mps * p.gnss_climb_sd_mps, 0.0, 1)
+
+
+@step
+def on_spare_fix(state: Rows, params: Rows, sample: Rows, estimate: Rows, fix_m: float) -> int:
+    """A second receiver: it follows the first, and stands in while that is excluded, as one height
+    with the slow error of a receiver for each of its correlation times."""
+    s, p, instance, time_us = state[0], params[0], sample[0].instance, sample[0].time_us
+    if s.gnss.seen == 0:
+        return IGNORED
+    innovation_m = fix_m - expected(s.bank, s.bank.H)
+    if not is_named(s.named, GNSS_HEIGHT):
+        follow(s.spares, RECEIVERS, instance, time_us, innovation_m)
+        return IGNORED
+    if not is_settled(s.spares, RECEIVERS, instance):
+        return IGNORED
+    white = white_m2(s.gnss, p, sample)
+    slow = slow_m2(p, sample, white)
+    away_m = innovation_m - s.spares.offset_m[RECEIVERS, instance]
+    S = white + slow + expected_variance(s.bank, s.bank.H)
+    if away_m * away_m > FAR_SIGMA * FAR_SIGMA * S:
+        return GATED
+    interval_s = max(0.01, (time_us - s.spares.time_us[RECEIVERS, instance]) * 1e-6)
+    s.spares.time_us[RECEIVERS, instance] = time_us
+    R = (white + slow) * max(1.0, p.gnss_time_s / interval_s)
+    fuse(s.bank, fix_m - s.spares.offset_m[RECEIVERS, instance], R, 0.0, 0)
+    conclude(state, params, estimate)
+    return USED

@@ -23,10 +23,16 @@ from enum import IntEnum
 from pydantic import Field
 
 from companion.config import Settings
-from companion.samples import Kind, Rows, Verdict
+from companion.samples import FaultySensor, Kind, Rows, Verdict
 
 ASSESS_US = 100_000
 
+
+EXCLUDED_NAMES = {
+    FaultySensor.BAROMETER: "barometer",
+    FaultySensor.GNSS: "GNSS height",
+    FaultySensor.IMU: "IMU",
+}
 
 LOWEST_M, HIGHEST_M = -2000.0, 60_000.0
 """No vehicle of ours is elsewhere."""
@@ -187,9 +193,9 @@ class HealthMonitor:
             return Health.LOST, f"altitude uncertain by {sd_m:.0f} m"
         if level_m > settings.level_lost_m:
             return Health.LOST, f"altitude may be wrong by {level_m:.0f} m"
-        missing = self._missing(now_us)
-        if missing:
-            return Health.DEGRADED, missing
+        problem = excluded(estimate) or self._missing(now_us)
+        if problem:
+            return Health.DEGRADED, problem
         if sd_m > settings.sd_ok_m:
             return Health.DEGRADED, f"altitude uncertain by {sd_m:.0f} m"
         return Health.OK, f"altitude good to {sd_m:.1f} m"
@@ -205,3 +211,12 @@ class HealthMonitor:
                 return f"no {name}"
             return f"{name} {'silent' if verdict is Verdict.USED else verdict.name.lower()}"
         return ""
+
+
+def excluded(estimate: Rows) -> str:
+    """Which sensor the estimator excludes, and since when on the vehicle's clock; empty when none."""
+    sensor = FaultySensor(int(estimate[0]["faulty"]))
+    if sensor is FaultySensor.NONE:
+        return ""
+    since_s = max(0, int(estimate[0]["faulty_since_us"])) * 1e-6
+    return f"{EXCLUDED_NAMES[sensor]} excluded since {since_s:.0f} s"

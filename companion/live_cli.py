@@ -221,7 +221,11 @@ def _finite(value: Any) -> Any:
 def format_status(status: "Status") -> str:
     """`status` as one readable line."""
     if status.altitude_amsl_m == status.altitude_amsl_m:
-        altitude = f"{status.altitude_amsl_m:8.1f} m  sd {status.altitude_sd_m:4.1f}  {status.climb_mps:+5.1f} m/s"
+        level = f"  level {status.protection_level_m:.0f}" if status.protection_level_m > 0 else ""
+        altitude = (
+            f"{status.altitude_amsl_m:8.1f} m  sd {status.altitude_sd_m:4.1f}{level}"
+            f"  {status.climb_mps:+5.1f} m/s"
+        )
     else:
         altitude = "no altitude"
     shown = ("pressure", "gnss", "imu", "altitude")

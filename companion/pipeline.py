@@ -13,7 +13,7 @@ from typing import Any, Protocol
 from companion.checker import Checker
 from companion.estimators import ESTIMATORS, Filter
 from companion.feedback import Feedback, Situation
-from companion.health import HealthMonitor
+from companion.health import HealthMonitor, excluded
 from companion.intake import Intake, SampleReject, restart_row
 from companion.known_air import KnownAir, LiveAir
 from companion.mavlink import convert
@@ -143,6 +143,7 @@ class Pipeline:
         self.filter = Filter(ESTIMATORS[settings.estimator], settings.section(settings.estimator))
         self.health = HealthMonitor(settings.health, self.filter.method.uses)
         self.checker = Checker()
+        self._excluded = 0
         self.outputs = Outputs(settings.publish)
         self._imu = ImuSelector()
         self._scaled_pressure_us = -PRESSURE_TIMEOUT_US
@@ -289,6 +290,15 @@ class Pipeline:
 
     def _others(self, host_us: int) -> str:
         return ", ".join(self.identity.others(host_us - OTHERS_US))
+
+    def _tell_excluded(self) -> None:
+        """STATUSTEXT when another sensor is excluded, or none any more."""
+        faulty = int(self.filter.estimate[0]["faulty"])
+        if faulty == self._excluded or not self.settings.publish.statustext:
+            return
+        self._excluded = faulty
+        text = excluded(self.filter.estimate) or "all sensors used again"
+        self.texts.say("excluded", faulty, mavlink.MAV_SEVERITY_WARNING, f"Kollsman: {text}")
 
     def _tell_health(self) -> None:
         """STATUSTEXT about a change of health."""
@@ -458,6 +468,7 @@ class Pipeline:
             altitude_m = float(estimate[0]["altitude_amsl_m"])
             objection = self.intake.objection or self.checker.objection(now_us, altitude_m)
             changed = self.health.assess(now_us, estimate, objection)
+            self._tell_excluded()
             if self.checker.asks_restart(now_us, supported=self.health.has_altitude):
                 self._restart_estimator()
         health = self.health.health

@@ -61,6 +61,7 @@ class Status:
     vehicle: str
     altitude_amsl_m: float
     altitude_sd_m: float
+    protection_level_m: float
     climb_mps: float
     rates_hz: dict[str, float]
     """of each sensor kind and of our ALTITUDE, since the last status"""
@@ -194,6 +195,7 @@ class Service:
             else "no vehicle",
             float(value["altitude_amsl_m"]),
             float(value["altitude_sd_m"]),
+            float(value["protection_level_m"]),
             float(value["climb_mps"]),
             rates_hz,
             self.link.state.name.lower(),

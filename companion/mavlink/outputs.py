@@ -25,7 +25,6 @@ import math
 from enum import Enum
 from typing import Literal
 
-import numpy as np
 from pydantic import Field
 
 from companion.config import Settings
@@ -33,6 +32,7 @@ from companion.health import Health
 from companion.kernels.atmosphere import baro_altitude_m, qnh_pa
 from companion.mavlink.codec import Message, mavlink
 from companion.mavlink.convert import OwnHeights, own_heights
+from companion.mavlink.debug import debug_messages
 from companion.samples import Kind, Rows, Verdict
 
 FRESH_US = 1_000_000
@@ -43,10 +43,6 @@ OWN_HEIGHT_US = 2_000_000
 OURS_MISSING_US = 1_000_000
 VEHICLE_ALTITUDES = 3
 """so many ALTITUDE of the vehicle's within five seconds: it sends them itself"""
-LARGEST_FLOAT = 3.4028234e38
-FLOAT_ARRAY_SIZE = 58
-LONGEST_ARRAY = 16
-"""Longest array of a state that klState shows: histories are longer."""
 SEVERITY = {
     Health.OK: mavlink.MAV_SEVERITY_INFO,
     Health.DEGRADED: mavlink.MAV_SEVERITY_WARNING,
@@ -323,28 +319,11 @@ class Outputs:
         """The DEBUG family, when due: in LOST only the health."""
         if not self.settings.debug or now_us < 0 or not self._debug_slots.takes(now_us):
             return []
-        boot_ms = now_us // 1000 & 0xFFFFFFFF
-        messages: list[Message] = [_named(boot_ms, "klHealth", int(health))]
-        if health is Health.LOST:
-            return messages
-        value = estimate[0]
-        altitude_m, climb_mps = float(value["altitude_amsl_m"]), float(value["climb_mps"])
-        sd_m = float(value["altitude_sd_m"])
         qnh_hpa = math.nan
+        altitude_m = float(estimate[0]["altitude_amsl_m"])
         if math.isfinite(self.monotonic.at(now_us)) and math.isfinite(altitude_m):
             qnh_hpa = qnh_pa(self._pressure_pa, altitude_m) * 0.01
-        messages += [
-            _named(boot_ms, "klAltSd", sd_m),
-            _named(boot_ms, "klClimb", climb_mps),
-            _named(boot_ms, "klBaroOff", float(value["baro_offset_m"])),
-            _named(boot_ms, "klQnhHpa", qnh_hpa),
-            mavlink.MAVLink_debug_message(boot_ms, 0, sd_m),
-            mavlink.MAVLink_debug_vect_message(
-                b"kollsman", now_us, altitude_m, _single(climb_mps), sd_m
-            ),
-            mavlink.MAVLink_debug_float_array_message(now_us, b"klState", 0, state_floats(state)),
-        ]
-        return messages
+        return debug_messages(now_us, health, estimate, state, qnh_hpa)
 
     def _clearance_m(self, now_us: int) -> float:
         if self._range is None or abs(now_us - self._range[0]) > FRESH_US:
@@ -363,37 +342,3 @@ def heartbeat(health: Health) -> Message:
         SYSTEM_STATUS[health],
         3,
     )
-
-
-def state_floats(state: Rows) -> list[float]:
-    """The floats of an estimator's state in the order of its dtype, histories left out; 58 of them,
-    zero-filled."""
-    values = np.array(_floats(state))
-    padded = np.zeros(FLOAT_ARRAY_SIZE)
-    padded[: min(values.size, FLOAT_ARRAY_SIZE)] = values[:FLOAT_ARRAY_SIZE]
-    return [_single(float(value)) for value in padded]
-
-
-def _floats(state: Rows) -> list[float]:
-    """Floats and short arrays of floats of a record, shape (1,), those of nested records in their
-    place."""
-    found: list[float] = []
-    for name, (kind, *_) in (state.dtype.fields or {}).items():
-        if kind.base.kind == "V":
-            found += _floats(state[name])
-        elif kind.base.kind == "f" and (not kind.shape or kind.shape[0] <= LONGEST_ARRAY):
-            found += np.ravel(state[name][0]).tolist()
-    return found
-
-
-def _single(value: float) -> float:
-    """A float that a message can hold: what is too large for single precision is infinite."""
-    return (
-        value
-        if math.isnan(value) or abs(value) <= LARGEST_FLOAT
-        else math.copysign(math.inf, value)
-    )
-
-
-def _named(boot_ms: int, name: str, value: float) -> Message:
-    return mavlink.MAVLink_named_value_float_message(boot_ms, name.encode(), _single(value))

@@ -3,6 +3,7 @@ version."""
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from companion.estimators import ESTIMATORS
 from companion.health import Health
 from companion.kernels.atmosphere import baro_altitude_m
 from companion.mavlink.codec import Encoder, Message, mavlink
+from companion.mavlink.debug import NAMED, message_table, state_floats
 from companion.mavlink.outputs import (
     Leap,
     Monotonic,
@@ -21,7 +23,6 @@ from companion.mavlink.outputs import (
     PublishSettings,
     Schedule,
     heartbeat,
-    state_floats,
 )
 from companion.mavlink.texts import StatusTexts
 from companion.samples import ESTIMATE, Kind, Rows, Verdict, rows, sample
@@ -423,10 +424,23 @@ class TestOnTheWire:
             "klClimb",
             "klBaroOff",
             "klQnhHpa",
+            "klVpl",
             "kollsman",
             "klState",
         } <= set(names)
+        assert set(NAMED) <= set(names)
         assert all(0 < len(name) <= 10 and len(kinds) == 1 for name, kinds in names.items())
+
+    def test_the_page_of_messages_is_that_of_the_code(self) -> None:
+        page = (Path(__file__).parents[4] / "docs" / "messages.md").read_text(encoding="utf-8")
+        assert page.endswith(message_table()), "write companion.mavlink.debug.message_table() anew"
+
+    def test_the_protection_level_goes_out(self) -> None:
+        messages = parsed(feed(standing(30, 45)).sent)
+        named = [m for m in messages if m.get_type() == "NAMED_VALUE_FLOAT" and m.name == "klVpl"]
+        states = [m for m in messages if m.get_type() == "DEBUG_FLOAT_ARRAY"]
+        assert 1.0 < named[-1].value < 50.0
+        assert states[-1].data[-1] == named[-1].value
 
     def test_debug_values_are_what_they_say(self) -> None:
         messages = parsed(feed(standing(30, 45)).sent)
@@ -506,7 +520,11 @@ def test_any_estimate_can_be_told(climb_mps: float, baro_offset_m: float, sd_m: 
     state = ESTIMATORS["adaptive-fusion"].init(section.params())
     encoder = Encoder(1, 191)
     messages = outputs.debug(10 * SECOND_US, Health.OK, row, state)
-    assert len(parsed([encoder.encode(message) for message in messages])) == len(messages) == 8
+    assert (
+        len(parsed([encoder.encode(message) for message in messages]))
+        == len(messages)
+        == 4 + len(NAMED)
+    )
 
 
 def test_an_outcome_has_what_tests_need() -> None:

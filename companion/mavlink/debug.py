@@ -1,0 +1,132 @@
+"""The DEBUG family: NAMED_VALUE_FLOAT, DEBUG, DEBUG_VECT and DEBUG_FLOAT_ARRAY.
+
+`NAMED` is the table that makes the messages and docs/messages.md.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from companion.health import Health
+from companion.mavlink.codec import Message, mavlink
+from companion.samples import Rows
+
+LARGEST_FLOAT = 3.4028234e38
+FLOAT_ARRAY_SIZE = 58
+LONGEST_ARRAY = 16
+"""Longest array of a state that klState shows: histories are longer."""
+
+
+class Named(NamedTuple):
+    """A NAMED_VALUE_FLOAT."""
+
+    unit: str
+    meaning: str
+    value: Callable[[Any, float], float]
+    """of an ESTIMATE record and the altimeter setting in hPa"""
+
+
+NAMED: Mapping[str, Named] = {
+    "klAltSd": Named(
+        "m", "standard deviation of the altitude", lambda e, _: float(e["altitude_sd_m"])
+    ),
+    "klVpl": Named(
+        "m",
+        "protection level of the altitude; NaN where the estimator has none",
+        lambda e, _: float(e["protection_level_m"]),
+    ),
+    "klClimb": Named("m/s", "climb rate, up-positive", lambda e, _: float(e["climb_mps"])),
+    "klBaroOff": Named(
+        "m",
+        "altitude minus that of the barometer in a standard atmosphere",
+        lambda e, _: float(e["baro_offset_m"]),
+    ),
+    "klQnhHpa": Named(
+        "hPa", "altimeter setting that makes the barometer show the altitude", lambda _, qnh: qnh
+    ),
+    "klFaulty": Named(
+        "",
+        "excluded sensor: 0 none, 1 barometer, 2 GNSS height, 3 IMU",
+        lambda e, _: float(e["faulty"]),
+    ),
+}
+HEALTH_NAME = "klHealth"
+OTHERS = (
+    ("ALTITUDE", "m", "altitude and heights, the vehicle's own in LOST (`publish.altitude`)"),
+    ("HEARTBEAT", "", "1 Hz, component 191; system_status CRITICAL in LOST"),
+    ("STATUSTEXT", "", "changes of health and of the excluded sensor, problems of streams"),
+    (f"NAMED_VALUE_FLOAT {HEALTH_NAME}", "", "health: 0 OK, 1 DEGRADED, 2 LOST"),
+    ("DEBUG 0", "m", "standard deviation of the altitude"),
+    ("DEBUG_VECT kollsman", "m, m/s, m", "altitude, climb rate, standard deviation"),
+    (
+        "DEBUG_FLOAT_ARRAY klState",
+        "",
+        "state of the estimator in the order of its record; the last is the protection level in m",
+    ),
+)
+
+
+def debug_messages(
+    now_us: int, health: Health, estimate: Rows, state: Rows, qnh_hpa: float
+) -> list[Message]:
+    """One of each; in LOST only the health."""
+    boot_ms = now_us // 1000 & 0xFFFFFFFF
+    messages: list[Message] = [_named(boot_ms, HEALTH_NAME, int(health))]
+    if health is Health.LOST:
+        return messages
+    value = estimate[0]
+    sd_m, climb_mps = float(value["altitude_sd_m"]), float(value["climb_mps"])
+    floats = [*state_floats(state)[:-1], _single(float(value["protection_level_m"]))]
+    messages += [_named(boot_ms, name, row.value(value, qnh_hpa)) for name, row in NAMED.items()]
+    return [
+        *messages,
+        mavlink.MAVLink_debug_message(boot_ms, 0, _single(sd_m)),
+        mavlink.MAVLink_debug_vect_message(
+            b"kollsman", now_us, float(value["altitude_amsl_m"]), _single(climb_mps), _single(sd_m)
+        ),
+        mavlink.MAVLink_debug_float_array_message(now_us, b"klState", 0, floats),
+    ]
+
+
+def message_table() -> str:
+    """Every message that we send, as a table in Markdown."""
+    named = [(f"NAMED_VALUE_FLOAT {name}", row.unit, row.meaning) for name, row in NAMED.items()]
+    lines = ["| message | unit | meaning |", "|---|---|---|"]
+    lines += [f"| `{name}` | {unit} | {text} |" for name, unit, text in (*OTHERS, *named)]
+    return "\n".join(lines) + "\n"
+
+
+def state_floats(state: Rows) -> list[float]:
+    """The floats of an estimator's state in the order of its dtype, histories left out; 58 of them,
+    zero-filled."""
+    values = np.array(_floats(state))
+    padded = np.zeros(FLOAT_ARRAY_SIZE)
+    padded[: min(values.size, FLOAT_ARRAY_SIZE)] = values[:FLOAT_ARRAY_SIZE]
+    return [_single(float(value)) for value in padded]
+
+
+def _floats(state: Rows) -> list[float]:
+    """Floats and short arrays of floats of a record, shape (1,), those of nested records in their
+    place."""
+    found: list[float] = []
+    for name, (kind, *_) in (state.dtype.fields or {}).items():
+        if kind.base.kind == "V":
+            found += _floats(state[name])
+        elif kind.base.kind == "f" and (not kind.shape or kind.shape[0] <= LONGEST_ARRAY):
+            found += np.ravel(state[name][0]).tolist()
+    return found
+
+
+def _single(value: float) -> float:
+    """A float that a message can hold: what is too large for single precision is infinite."""
+    return (
+        value
+        if math.isnan(value) or abs(value) <= LARGEST_FLOAT
+        else math.copysign(math.inf, value)
+    )
+
+
+def _named(boot_ms: int, name: str, value: float) -> Message:
+    return mavlink.MAVLink_named_value_float_message(boot_ms, name.encode(), _single(value))

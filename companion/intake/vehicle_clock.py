@@ -22,6 +22,9 @@ class Clockwork(StrEnum):
     REBOOT = "reboot"
 
 
+ALONE_US = 1_000_000
+
+
 class VehicleClock:
     """The vehicle's boot clock as its stamps tell it.
 
@@ -38,6 +41,8 @@ class VehicleClock:
         self._reorder_us = round(settings.reorder_s * 1e6)
         self._gap_us = round(settings.gap_s * 1e6)
         self._late_us = round(settings.late_s * 1e6)
+        self._late_from_us: int | None = None
+        """the first late stamp since the last fresh one"""
         self._arrival_us = 0
         self._witness_us: int | None = None
         self._wraps = 0
@@ -75,6 +80,8 @@ class VehicleClock:
         if self.now_us < 0:
             self.now_us = self._boot_us = time_us
         if -self._late_us <= time_us - self.now_us <= self._reorder_us:
+            if self._is_alone(time_us):
+                return self._restart(time_us)
             self.now_us = max(self.now_us, time_us)
             if time_us >= self._boot_us:
                 self._boot_us, self._witness_us, self._arrival_us = time_us, None, arrival_us
@@ -88,9 +95,24 @@ class VehicleClock:
         if ahead_us > 0 and passed_us - ahead_us < SESSION_US:
             self.now_us = self._boot_us = time_us
             return Clockwork.TICK, time_us
+        return self._restart(time_us)
+
+    def _is_alone(self, time_us: int) -> bool:
+        """Whether late stamps have gone on for a second without a fresh one: late copies come beside
+        fresh ones, a vehicle that restarted sends no fresh one any more."""
+        if time_us >= self.now_us - self._reorder_us:
+            self._late_from_us = None
+            return False
+        if self._late_from_us is None or time_us < self._late_from_us:
+            self._late_from_us = time_us
+        return time_us - self._late_from_us >= ALONE_US
+
+    def _restart(self, time_us: int) -> tuple[Clockwork, int]:
+        """The vehicle's clock began anew."""
         self.now_us = self._boot_us = time_us = time_us - self._wraps * WRAP_MS * 1000
         self.reboots += 1
         self._wraps = 0
+        self._late_from_us = None
         self._forget()
         return Clockwork.REBOOT, time_us
 

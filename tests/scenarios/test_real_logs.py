@@ -60,17 +60,36 @@ CASES = {
 }
 
 
+LEVEL_MISSES = {
+    "real/codelever_2013-10-13_16-58-51.tlog": "172 of 600 published: level 68 m of spread 15 m",
+    "real/bruno_20211202-133659.tlog": "0 of 20 published: level 53 m of spread 11 m",
+    "real/dronekit_flight_replay.tlog": "2237 of 2400 published: level 57 m of spread 12 m",
+    "real/SITL_wlichon_mixed_signed.tlog": "0 of 300 published: level 124 m of spread 27 m",
+    "real/SITL_wlichon_twin_sysid2.tlog": "0 of 40 published: level 120 m of spread 26 m",
+}
+"""Known misses of the default estimator: a receiver that claims little has a protection level of
+4.7 spreads, above `health.level_lost_m` of 50 m, long before its spread is above `sd_lost_m`."""
+
+
+def marks(name: str, estimator: str) -> list[pytest.MarkDecorator]:
+    """Slow ones, and known misses."""
+    slow = CASES[name].slow or estimator != DEFAULT_ESTIMATOR
+    missed = LEVEL_MISSES.get(name) if estimator == DEFAULT_ESTIMATOR else None
+    found = [pytest.mark.slow] if slow else []
+    return [*found, pytest.mark.xfail(strict=True, reason=missed)] if missed else found
+
+
 def cases() -> list[Any]:
     """Every recording with the default estimator; with all others in the slow run."""
     return [
         pytest.param(
             name,
             estimator,
-            marks=[pytest.mark.slow] if case.slow or estimator != DEFAULT_ESTIMATOR else [],
+            marks=marks(name, estimator),
             id=f"{estimator}-{Path(name).stem}",
         )
         for estimator in ESTIMATORS
-        for name, case in CASES.items()
+        for name in CASES
     ]
 
 

@@ -16,6 +16,8 @@ from companion.samples import Rows
 
 OUTAGE_S = 5.0
 """A barometer that went wrong in an outage of GNSS as long as this was not seen to do so."""
+UNWATCHED_S = 1.5
+"""Longer than between two fixes of a slow receiver."""
 LONG_SILENCE_US = 60_000_000
 """After so long without any height, what moved is unknown."""
 REST_SPEED_MPS = 1.5
@@ -55,6 +57,7 @@ def conclude(state: Rows, params: Rows, estimate: Rows) -> None:
         s.bank.switched_us, s.bank.searched_us = s.bank.now_us, s.bank.now_us
     away_s = (s.bank.now_us - s.gnss.used_us) * 1e-6
     s.bank.outage = 1 if s.gnss.seen == 0 or away_s > OUTAGE_S else 0
+    s.bank.unwatched = 1 if s.gnss.seen == 0 or away_s > UNWATCHED_S else 0
     switch(s.bank, p, s.baro.stuck)
     if p.integrity == 1 and s.gnss.seen == 1 and s.baro.seen == 1:
         search(s.bank, p)

@@ -47,7 +47,7 @@ from companion.estimators.vertical_bank.reported_accuracy import (
 )
 from companion.jit import step
 from companion.kernels.attitude import attitude_gnss
-from companion.samples import Rows
+from companion.samples import Record, Rows
 
 FIX_INTERVAL_S = 0.2
 """Fixes that come faster share the evidence of this time."""
@@ -103,7 +103,19 @@ def hear_fix(state: Rows, params: Rows, sample: Rows, fix_m: float, late_s: floa
             on_gnss_surprise(s.bank, p, is_blind(state), elapsed_s)
     s.gnss.seen, s.gnss.used_us = 1, s.bank.now_us
     fuse(s.bank, fix_m, R, p.tempering_ratio * min(1.0, elapsed_s / FIX_INTERVAL_S), 0)
+    if s.baro.seen == 1 and (elapsed_s > OUTAGE_S or s.gnss.against_m > 0.0):
+        s.bank.H[GNSS_BIAS] = 0.0
+        s.gnss.against_m = contradiction_m(s.bank, fix_m, R + s.bank.slow_m2)
     fuse_climb(state, params, sample[0].climb_mps, late_s)
+
+
+@step
+def contradiction_m(bank: Record, fix_m: float, R: float) -> float:
+    """By how much a fix with an error of variance R contradicts the height H x; 0 when it does
+    not."""
+    away_m = fix_m - expected(bank, bank.H)
+    S = R + expected_variance(bank, bank.H)
+    return abs(away_m) if away_m * away_m > SURPRISE_SIGMA * SURPRISE_SIGMA * S else 0.0
 
 
 @step

@@ -9,7 +9,8 @@ GNSS wrong (4)        a fix surprises: g unknown (jump);                  .1 /h 
 barometer wrong (3)   a height surprises: o unknown (jump);               .1 /h                in 20 s, o is kept
                       every 10 s: o slides; after an outage of GNSS:
                       o and h unknown, their sum known                    .03 or .003 in all
-IMU wrong (1)         either surprises                                    .1 /h; blind 60 /h   in 30 s; 5 s
+IMU wrong (1)         either surprises; between fixes far apart           .1 /h; blind 60 /h   in 30 s; 5 s
+                      o and h unknown, their sum known
 both wrong (2)        the other sensor surprises                          as each              as each
 GNSS returned (2)     from GNSS wrong: g as of a receiver that is well    see ends             in 20 s, to weather
 ====================  ==================================================  ===================  ========================
@@ -109,18 +110,22 @@ def suppose_baro_fault(bank: Record, jump_m: float, slide_mps: float, prior: flo
 @step
 def suppose_motion(bank: Record, p: Record, is_blind: bool, elapsed_s: float) -> None:
     """The most probable hypothesis, but the vehicle has moved otherwise than the IMU tells, or than
-    is usual without one."""
+    is usual without one. While no fix watches the barometer, the barometer alone says so against
+    the IMU: either may be wrong, and the height is unknown until GNSS returns."""
     top = heaviest(bank, 0, N)
     if imu_is_wrong(top) or gnss_is_wrong(top) or baro_is_wrong(top):
         return
     rate_per_h = p.manoeuvre_rate_per_h if is_blind else p.fault_rate_per_h
     prior = rate_per_h * PER_H * elapsed_s
-    if bank.weight[MO] > bank.weight[top] * prior:
-        return  # the one supposed before has learned since
-    slot = suppose(bank, top, MO, BO, prior)
-    if slot >= 0:
-        bank.P[slot, CLIMB, CLIMB] += p.manoeuvre_mps * p.manoeuvre_mps
-        bank.P[slot, HEIGHT, HEIGHT] += UNSEEN_M * UNSEEN_M
+    slot = MO
+    if bank.weight[MO] <= bank.weight[top] * prior:  # else it has learned since it was supposed
+        slot = suppose(bank, top, MO, BO, prior)
+        if slot >= 0:
+            bank.P[slot, CLIMB, CLIMB] += p.manoeuvre_mps * p.manoeuvre_mps
+            bank.P[slot, HEIGHT, HEIGHT] += UNSEEN_M * UNSEEN_M
+    m2 = p.outage_fault_m * p.outage_fault_m
+    if slot >= 0 and bank.unwatched == 1 and not is_blind and bank.P[slot, OFFSET, OFFSET] < m2:
+        divide_anew(bank, slot, m2)
 
 
 @step
@@ -136,16 +141,22 @@ def suppose_return(bank: Record, parent: int, prior: float) -> None:
 
 
 @step
+def divide_anew(bank: Record, i: int, m2: float) -> None:
+    """Hypothesis i knows the sum of height and barometer offset as before, but each only within the
+    variance `m2`."""
+    bank.P[i, HEIGHT, HEIGHT] += m2
+    bank.P[i, OFFSET, OFFSET] += m2
+    bank.P[i, HEIGHT, OFFSET] -= m2
+    bank.P[i, OFFSET, HEIGHT] -= m2
+
+
+@step
 def suppose_after_outage(bank: Record, p: Record, prior: float) -> None:
     """The barometer has been wrong since some time of an outage of GNSS, and took the height with
     it."""
     slot = suppose(bank, heaviest(bank, 0, N), MO - 1, MO, prior)
     if slot >= 0:
-        m2 = p.outage_fault_m * p.outage_fault_m
-        bank.P[slot, HEIGHT, HEIGHT] += m2
-        bank.P[slot, OFFSET, OFFSET] += m2
-        bank.P[slot, HEIGHT, OFFSET] -= m2
-        bank.P[slot, OFFSET, HEIGHT] -= m2
+        divide_anew(bank, slot, p.outage_fault_m * p.outage_fault_m)
 
 
 @step

@@ -70,6 +70,7 @@ BANK = np.dtype(
         ("fast_m2", "f8"),  # stationary variance of e
         ("level_m", "f8"),  # height up to which the offset follows the scale; NaN none
         ("outage", "i8"),  # 1 when there has been no fix for long
+        ("unwatched", "i8"),  # 1 when no fix has been near enough in time to watch the barometer
         ("blind", "i8"),  # 1 when the newest stretch had no acceleration
         ("slope_mps", "f8"),  # of the smoothed barometer height
         ("climb_mps", "f8"),  # largest of late that both the mixture and the barometer show

@@ -72,7 +72,9 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     read_m = baro_altitude_m(sample[0].pressure_pa)
     if role == NOT_IN_USE:
         if s.baro.seen == 1:
-            sees_barometer(s.bank.H, s.baro, lag_climb_mps(s.bank.slope_mps), late_s)
+            sees_barometer(
+                s.bank.H, s.baro, lag_climb_mps(s.bank.slope_mps, mean(s.bank, CLIMB)), late_s
+            )
             innovation_m = read_m - expected(s.bank, s.bank.H)
             follow(s.spares, BAROMETERS, instance, time_us, innovation_m)
         return tally(state, PRESSURE, IGNORED)
@@ -88,7 +90,9 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         hear_height(state, params, time_us, sample[0].pressure_pa, height_m, silent_us)
     if not is_repeat or rests(s.baro, time_us, s.bank.path_m, mean(s.bank, CLIMB)):
         R = noise_m2(s.baro, p) + timing_m2(p.timing_sd_s, s.bank.climb_mps, silent_us * 1e-6)
-        sees_barometer(s.bank.H, s.baro, lag_climb_mps(s.bank.slope_mps), late_s)
+        sees_barometer(
+            s.bank.H, s.baro, lag_climb_mps(s.bank.slope_mps, mean(s.bank, CLIMB)), late_s
+        )
         watched = p.integrity == 1 and s.gnss.seen == 1
         if watched and surprises(s.bank, s.baro.height_m, R, SURPRISE_SIGMA):
             on_baro_surprise(s.bank, p, is_blind(state), silent_us * 1e-6)
@@ -117,7 +121,10 @@ def hear_height(
         fuse_temperature(s.aids, s.bank, p, pressure_pa)
     elif silent_us > SILENT_US:
         sees_barometer(
-            s.bank.H, s.baro, lag_climb_mps(s.bank.slope_mps), (s.bank.now_us - time_us) * 1e-6
+            s.bank.H,
+            s.baro,
+            lag_climb_mps(s.bank.slope_mps, mean(s.bank, CLIMB)),
+            (s.bank.now_us - time_us) * 1e-6,
         )
         innovation_m = height_m - expected(s.bank, s.bank.H)
         S = noise_m2(s.baro, p) + expected_variance(s.bank, s.bank.H)

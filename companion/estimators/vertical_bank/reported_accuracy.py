@@ -41,6 +41,7 @@ RECEIVER = np.dtype(
         ("height_m", "f8"),  # newest, and the path then
         ("path_m", "f8"),
         ("innovation_m", "f8"),
+        ("against_m", "f8"),  # by how much a receiver that is back contradicts the height, else 0
         ("ground_speed_mps", "f8"),
     ],
     align=True,
@@ -51,6 +52,7 @@ RECEIVER = np.dtype(
 def receiver_start(gnss: Record) -> None:
     """No fix heard."""
     gnss.seen, gnss.used_us, gnss.median_m, gnss.height_m = 0, -1, math.nan, math.nan
+    gnss.against_m = 0.0
     gnss.path_m, gnss.innovation_m, gnss.ground_speed_mps = 0.0, math.nan, math.nan
 
 

@@ -11,6 +11,7 @@ from companion.jit import step
 
 SMOOTHING_S = 2.0
 QUIET_MPS = 0.5
+SHOWN_RATIO = 2.0
 
 
 @step
@@ -26,6 +27,8 @@ def slope_mps(smooth_m: float, baro_m: float) -> float:
 
 
 @step
-def lag_climb_mps(slope: float) -> float:
-    """The climb that the lag is seen by: a slope within the barometer's noise is none."""
-    return slope if abs(slope) > QUIET_MPS else 0.0
+def lag_climb_mps(slope: float, climb_mps: float) -> float:
+    """The climb that the lag is seen by: the slope, within twice the estimated climb. A slope that the
+    estimate does not share is a jump of the barometer, and one within its noise is none."""
+    shown = SHOWN_RATIO * abs(climb_mps) + QUIET_MPS
+    return max(-shown, min(shown, slope)) if abs(slope) > QUIET_MPS else 0.0

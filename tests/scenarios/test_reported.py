@@ -5,6 +5,7 @@ The recordings stay outside the repository; where they are absent, their tests a
 attacks change a flight of our own simulator, so a clean clone tests them too.
 """
 
+import logging
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,6 +31,15 @@ BACK_S = 5.0
 UNIX_US = 1_700_000_000_000_000
 
 absent = pytest.mark.skipif(not FOLDER.exists(), reason="the recordings are not here")
+
+
+@pytest.fixture(autouse=True)
+def _heard(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lines of our log reach `caplog`, whatever a command's own logging set before."""
+    logger = logging.getLogger("kollsman")
+    monkeypatch.setattr(logger, "propagate", True)
+    monkeypatch.setattr(logger, "disabled", False)
+    monkeypatch.setattr(logger, "level", logging.INFO)
 
 
 class Seen(NamedTuple):

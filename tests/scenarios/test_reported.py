@@ -34,12 +34,13 @@ absent = pytest.mark.skipif(not FOLDER.exists(), reason="the recordings are not 
 
 
 @pytest.fixture(autouse=True)
-def _heard(monkeypatch: pytest.MonkeyPatch) -> None:
+def _heard(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
     """Lines of our log reach `caplog`, whatever a command's own logging set before."""
-    logger = logging.getLogger("kollsman")
-    monkeypatch.setattr(logger, "propagate", True)
-    monkeypatch.setattr(logger, "disabled", False)
-    monkeypatch.setattr(logger, "level", logging.INFO)
+    for name in [name for name in logging.root.manager.loggerDict if name.startswith("kollsman")]:
+        logger = logging.getLogger(name)
+        monkeypatch.setattr(logger, "propagate", True)
+        monkeypatch.setattr(logger, "disabled", False)
+        caplog.set_level(logging.INFO, name)
 
 
 class Seen(NamedTuple):

@@ -4,6 +4,8 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3.12 || command -v python3.13 || command -v python3)
 VENV   := .venv
 BIN    := $(VENV)/bin
+# Tests with real processes and sockets depend on what else the machine does.
+RETRY  := --reruns 2
 PIP    := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 
 .PHONY: help demo test test-slow lint bench config-page clean
@@ -15,10 +17,10 @@ demo: $(VENV)/.sim      ## fly through a front with the companion listening (ext
 	$(BIN)/kollsman-sim demo
 
 test: lint              ## lint, types, import rules and the default tests (extras `sim`, `dev`)
-	$(BIN)/python -m pytest -q
+	$(BIN)/python -m pytest -q -n 2 $(RETRY)
 
 test-slow: $(VENV)/.dev ## end-to-end and Monte-Carlo tests
-	$(BIN)/python -m pytest -q -m slow -n 2
+	$(BIN)/python -m pytest -q -m slow -n 2 $(RETRY)
 
 lint: $(VENV)/.dev      ## ruff, mypy --strict, import rules
 	$(BIN)/ruff check .

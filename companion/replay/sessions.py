@@ -202,6 +202,7 @@ def sessions_of(
             vehicle = settings.vehicle.model_copy(update={"system_id": system_id})
             other = settings.model_copy(update={"vehicle": vehicle})
             found += _pass(reader, other, observe, make, None, None).sessions
+    found = [each for each in found if each.vehicle is not None] or found
     if not found:
         told = "; ".join(first.pipeline.identity.notes) or "no vehicle"
         heard = f"vehicle {latched[0]}/{latched[1]}" if latched else told

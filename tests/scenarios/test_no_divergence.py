@@ -69,7 +69,6 @@ def assert_no_divergence(path: Path) -> None:
         )
 
 
-@pytest.mark.slow
 WEATHER = pytest.param(
     "ardupilot_weather",
     marks=pytest.mark.xfail(
@@ -78,6 +77,7 @@ WEATHER = pytest.param(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["jsbsim_A", "jsbsim_B", "ardupilot_nominal", WEATHER])
 def test_on_flights_with_truth(name: str) -> None:
     if not FLIGHTS.exists():

@@ -150,7 +150,7 @@ def check(
 
 
 def _keys_table() -> str:
-    from companion.config import keys as every_key
+    from companion.config.fields import keys as every_key
     from companion.settings import CompanionSettings
 
     lines = ["| key | default | unit | allowed | meaning |", "|---|---|---|---|---|"]

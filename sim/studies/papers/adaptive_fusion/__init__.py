@@ -50,10 +50,11 @@ def reproduce(seeds: int, out: Path, progress: Progress) -> Page:
         progress(0.9 * done / seeds, "Monte Carlo")
     page = Page("H", seeds, out)
     page.text(
-        "A descent from 10.9 km to 123 m in 1538 steps. The barometer (white, 9 m) and GPS (white, 13 m) are fused "
-        "with a fixed gain and with one that adapts to their disagreement; then the sea-level pressure and temperature "
-        "of the air drift away from the standard that the barometer assumes. Each pair of heights goes through the "
-        "estimator as a pressure and a fix, as live samples do."
+        "A descent from 10.9 km to 123 m in 1538 steps. The barometer (white, 9 m) and GPS "
+        "(white, 13 m) are fused with a fixed gain and with one that adapts to their "
+        "disagreement; then the sea-level pressure and temperature of the air drift away from the "
+        "standard that the barometer assumes. Each pair of heights goes through the estimator as "
+        "a pressure and a fix, as live samples do."
     )
     page.table("The descent (section 5)", descent_rows())
     page.table("Without drift (Figs. 2-5)", nominal_rows(nominal))

@@ -30,7 +30,10 @@ def draw_descent(page: Page) -> None:
 
 def draw_nominal(page: Page, run: Run) -> None:
     k = np.arange(1, PRESSURE_KPA.size + 1)
-    caption = "Absolute errors of one run without drift (the paper's Figs. 2-4), and its normalised residual (Fig. 5)."
+    caption = (
+        "Absolute errors of one run without drift (the paper's Figs. 2-4), and its "
+        "normalised residual (Fig. 5)."
+    )
     with page.figure("no-drift", caption, rows=2, columns=2, panel_in=2.1, sharex=True) as axes:
         panels = (
             ("barometer", run.baro_m, BARO),
@@ -47,7 +50,10 @@ def draw_nominal(page: Page, run: Run) -> None:
 
 def draw_drift(page: Page, run: Run) -> None:
     k = np.arange(1, PRESSURE_KPA.size + 1)
-    caption = "One run under drift: adaptive against fixed (Fig. 9), normalised residual (Fig. 7), adaptive factor (Fig. 10)."  # noqa: E501
+    caption = (
+        "One run under drift: adaptive against fixed (Fig. 9), normalised residual (Fig. "
+        "7), adaptive factor (Fig. 10)."
+    )
     with page.figure("drift", caption, rows=3, panel_in=1.9, sharex=True) as axes:
         axes[0].plot(k, np.abs(run.baro_m), color=BARO, linewidth=0.5, label="barometer")
         axes[0].plot(k, np.abs(run.fixed_m), color=OTHER, linewidth=0.5, label="fixed filter")
@@ -62,7 +68,10 @@ def draw_drift(page: Page, run: Run) -> None:
 
 
 def draw_rms(page: Page, drift: Tally) -> None:
-    caption = "RMS error over the seeds under drift, and what P claims. The adaptive filter is never better than GPS alone."  # noqa: E501
+    caption = (
+        "RMS error over the seeds under drift, and what P claims. The adaptive filter is "
+        "never better than GPS alone."
+    )
     with page.figure("rms", caption) as (panel,):
         k = np.arange(1, PRESSURE_KPA.size + 1)
         for name, label, colour in (

@@ -1,4 +1,4 @@
-"""The simulation of paper H, section 5: cases, the rows of a vehicle, runs and their tally."""
+"""The simulation of paper H, section 5: cases, rows of a vehicle, runs and their tally."""
 
 import math
 from collections.abc import Iterator

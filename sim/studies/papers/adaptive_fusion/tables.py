@@ -78,12 +78,14 @@ def nominal_rows(nominal: Tally) -> list[Row]:
             f"{100 * spread(nominal.fired).mean:.1f} % of the steps",
         ),
         holds(
-            "S is a factor on a variance, never negative: share of steps with S < 0, (31) as printed",
+            "S is a factor on a variance, never negative: share of steps with S < 0, (31) as "
+            "printed",
             at_most(spread(nominal.negative).mean, 0.0),
             spread(nominal.negative),
             printed=0.0,
             where="(31)",
-            note="without the condition (28), S is negative whenever the sensors agree within 13 m; K has a pole at a "
+            note="without the condition (28), S is negative whenever the sensors agree within 13 "
+            "m; K has a pole at a "
             "residual of 0. S = max(1, .) is meant",
         ),
     ]
@@ -130,7 +132,8 @@ def drift_rows(drift: Tally, example: Run) -> list[Row]:
         holds(
             "its error variance is below that of GPS",
             below(adaptive.mean**2, gnss.mean**2),
-            f"mean square {spread(np.square(drift.rmse['adaptive_m']))}, GPS {spread(np.square(drift.rmse['gnss_m']))}",
+            f"mean square {spread(np.square(drift.rmse['adaptive_m']))}, GPS "
+            f"{spread(np.square(drift.rmse['gnss_m']))}",
             unit="m²",
             where="Table 1, (21)",
             note="P is below R_GPS by construction; it is not the variance of the error",
@@ -186,9 +189,10 @@ def property_rows() -> list[Row]:
 
 def add_true_error(page: Page, drift: Tally) -> None:
     page.text(
-        "When (28) fires, the estimate is exactly h_GPS - R_GPS / residual: GPS height, pushed away from the "
-        "barometer. With a barometer error b its mean square error is R_GPS + 3 R_GPS^2 / b^2 to second order, above "
-        "that of GPS alone (169 m²) at every drift, while P stays below."
+        "When (28) fires, the estimate is exactly h_GPS - R_GPS / residual: GPS height, pushed "
+        "away from the barometer. With a barometer error b its mean square error is R_GPS + 3 "
+        "R_GPS^2 / b^2 to second order, above that of GPS alone (169 m²) at every drift, while P "
+        "stays below."
     )
     mean_square = drift.mean_square_m2("adaptive_m")
     rows: list[list[Value]] = []

@@ -46,11 +46,13 @@ def reproduce(seeds: int, out: Path, progress: Progress) -> Page:
     progress(0.8, "page")
     page = Page("W", seeds, out)
     page.text(
-        "Barometer height and air temperature every 0.2 s (5 m, 1.5 K), GPS height every second (70 m), a lapse rate "
-        "that changes by 3 K/km every ten seconds, two climbs to 180 m in five minutes. The paper draws its trajectory "
-        "but does not say what moves the air, so there are three readings: weather (a ground temperature 5-15 K off, "
-        "1-3 hPa an hour, a start within 0.5 hPa), and random walks of a and b with the filter's Q taken per second "
-        "or per step. Root mean squares count from one minute on; samples go through the loop that replays logs."
+        "Barometer height and air temperature every 0.2 s (5 m, 1.5 K), GPS height every second "
+        "(70 m), a lapse rate that changes by 3 K/km every ten seconds, two climbs to 180 m in "
+        "five minutes. The paper draws its trajectory but does not say what moves the air, so "
+        "there are three readings: weather (a ground temperature 5-15 K off, 1-3 hPa an hour, a "
+        "start within 0.5 hPa), and random walks of a and b with the filter's Q taken per second "
+        "or per step. Root mean squares count from one minute on; samples go through the loop "
+        "that replays logs."
     )
     page.table("The equations as printed", equation_rows())
     draw_temperature(page)

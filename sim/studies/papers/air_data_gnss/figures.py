@@ -28,7 +28,10 @@ COLOURS = {
 
 def draw_temperature(page: Page) -> None:
     warmer = np.arange(-30.0, 31.0, 5.0)
-    caption = "Height error at 1600 m against the air's temperature: barometer alone, lambda as printed, and corrected."
+    caption = (
+        "Height error at 1600 m against the air's temperature: barometer alone, lambda as "
+        "printed, and corrected."
+    )
     with page.figure("temperature", caption) as (axes,):
         ratio = pressure_ratio(1600.0, T0_K + warmer, L0_KPM)
         axes.plot(warmer, baro_height_m(ratio) - 1600.0, color=BARO, label="barometer")
@@ -49,7 +52,10 @@ def draw_temperature(page: Page) -> None:
 
 
 def draw_curves(page: Page, found: dict[str, Figures]) -> None:
-    caption = "RMS error over the seeds (the paper's Fig. 3) under three readings of what moves the air; our trajectory."  # noqa: E501
+    caption = (
+        "RMS error over the seeds (the paper's Fig. 3) under three readings of what moves "
+        "the air; our trajectory."
+    )
     with page.figure("rms", caption, rows=4, sharex=True, panel_in=1.9) as axes:
         axes[0].plot(TIME_S, HEIGHT_M, color=TRUTH, label="true height")
         axes[0].set(title="height (m)")

@@ -1,4 +1,4 @@
-"""The simulation of paper W, section 3: readings, the rows of a vehicle, runs and their errors."""
+"""The simulation of paper W, section 3: readings, rows of a vehicle, runs and errors."""
 
 import math
 from dataclasses import dataclass, field

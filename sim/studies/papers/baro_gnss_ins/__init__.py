@@ -47,10 +47,11 @@ def reproduce(seeds: int, out: Path, progress: Progress) -> Page:
     """The page of paper R."""
     page = Page("R", seeds, out)
     page.text(
-        "A technical note without a simulation of its own: formulas for pressure altitude, a rejection of spikes, and "
-        "the barometer as a measurement of a GNSS/INS extended Kalman filter, with a bias and a scale factor. The "
-        "formulas are held against the standard atmosphere, the rest is tried on flights made for it. Receiver clock "
-        "bias and drift, two of the note's twenty states, need pseudoranges and are absent from ours."
+        "A technical note without a simulation of its own: formulas for pressure altitude, a "
+        "rejection of spikes, and the barometer as a measurement of a GNSS/INS extended Kalman "
+        "filter, with a bias and a scale factor. The formulas are held against the standard "
+        "atmosphere, the rest is tried on flights made for it. Receiver clock bias and drift, two "
+        "of the note's twenty states, need pseudoranges and are absent from ours."
     )
     page.table("Pressure, density, altitude (sections II to IV)", altitude_rows())
     page.table("The cubic (12) against the standard atmosphere", cubic_rows())

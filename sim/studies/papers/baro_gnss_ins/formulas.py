@@ -1,4 +1,4 @@
-"""Paper R, sections II to V: pressure, density, the cubic (12) and the Kollsman correction."""
+"""Paper R, sections II to V: pressure, density, cubic (12) and Kollsman correction."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,7 +96,10 @@ def cubic_rows() -> list[Row]:
     ]
     cubic = (cubic_altitude_m(P0_PA + 1.0) - cubic_altitude_m(P0_PA - 1.0)) / 2.0
     closed = (pressure_altitude_m(P0_PA + 1.0) - pressure_altitude_m(P0_PA - 1.0)) / 2.0
-    note = f"{100 * (cubic / closed - 1):.0f} % too steep: a climb of 5 m/s shows as {5 * cubic / closed:.1f}"
+    note = (
+        f"{100 * (cubic / closed - 1):.0f} % too steep: a climb of 5 m/s shows as "
+        f"{5 * cubic / closed:.1f}"
+    )
     return [
         *rows,
         compare("dh/dp at sea level", closed, cubic, 0.001, unit="m/Pa", where="(12)", note=note),

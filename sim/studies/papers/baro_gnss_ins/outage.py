@@ -1,4 +1,4 @@
-"""Paper R, section VI: five minutes without GNSS, with the barometer, without, and through weather."""
+"""Paper R, section VI: five minutes without GNSS, with the barometer, without, in weather."""
 
 import math
 
@@ -79,7 +79,8 @@ class Outage:
         self.runs = 0
 
     def fly(self, generator: np.random.Generator, weather_mps: float = 0.0) -> None:
-        """One draw of all sensor errors through both logs; the barometer drifts with the weather."""
+        """One draw of all sensor errors through both logs; the barometer drifts with the
+        weather."""
         self.runs += 1
         imu_s = np.arange(FLIGHT_S * IMU_HZ) / IMU_HZ
         force, rate = self._inertial(
@@ -165,7 +166,8 @@ def outage_rows(outage: Outage) -> list[Row]:
             printed="unstable",
             unit="1/s",
             where="sec. VI",
-            note=f"of the estimator's error model: gravity falls with height, e-fold in {1.0 / pole:.0f} s",
+            note="of the estimator's error model: gravity falls with height, e-fold in "
+            f"{1.0 / pole:.0f} s",
         ),
         holds(
             "the barometer stabilises it: largest error in the outage",
@@ -173,10 +175,12 @@ def outage_rows(outage: Outage) -> list[Row]:
             f"{with_baro}, without it {without}",
             unit="m",
             where="sec. VI",
-            note="with it ours stops integrating after a minute without GNSS velocity; without it, it must go on",
+            note="with it ours stops integrating after a minute without GNSS velocity; without "
+            "it, it must go on",
         ),
         holds(
-            "used continuously, it also helps beside GNSS (RMS before the outage, from truth plus slow GNSS error)",
+            "used continuously, it also helps beside GNSS (RMS before the outage, from truth plus "
+            "slow GNSS error)",
             below(good.mean, bare.mean),
             f"{good}, without it {bare}",
             unit="m",
@@ -192,7 +196,8 @@ def drift_rows(drifting: dict[float, Outage]) -> list[Row]:
     for hpa_per_h, outage in drifting.items():
         nees, worst = spread(outage.share["with"]), spread(outage.worst_m["with"])
         row = holds(
-            f"the spread reported in the outage is honest, weather {hpa_per_h:g} hPa/h: error squared over variance",
+            f"the spread reported in the outage is honest, weather {hpa_per_h:g} hPa/h: error "
+            "squared over variance",
             below(nees.mean, 2.0),
             nees,
             note=f"1 is exact, less is cautious; largest error {worst} m",

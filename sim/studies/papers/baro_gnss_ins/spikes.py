@@ -131,7 +131,8 @@ def gate_rows(descents: list[Descents]) -> list[Row]:
             spikes,
             unit="%",
             where="sec. IV",
-            note=f"spikes of {SPIKE_PA + 5:.0f} Pa, of {SPIKE_PA * 11:.0f} Pa at 1 Hz, where a manoeuvre makes 120",
+            note=f"spikes of {SPIKE_PA + 5:.0f} Pa, of {SPIKE_PA * 11:.0f} Pa at 1 Hz, where a "
+            "manoeuvre makes 120",
         ),
     ]
 

@@ -73,7 +73,8 @@ ERRORS_OF_16 = (2, 5, 15, 16)
 def baro_row(dt_b: float) -> tuple[Array, Array]:
     """The estimator's row (16), and the derivative of its residual (15), for dP_d, dv_d, b, s.
 
-    The row is read from the correction that a tiny variance of one error alone causes: dx = P H z / R.
+    The row is read from the correction that a tiny variance of one error alone causes: dx = P H z /
+    R.
     """
     pressure_pa = standard_pressure_pa(480.0)
 
@@ -141,7 +142,8 @@ def state_rows(level: Profile, climb: Profile) -> list[Row]:
             N,
             0,
             where="(14)",
-            note="errors of ours: three of attitude for four of the quaternion, and no receiver clock (two), which "
+            note="errors of ours: three of attitude for four of the quaternion, and no receiver "
+            "clock (two), which "
             "needs pseudoranges",
         ),
         holds(
@@ -150,14 +152,16 @@ def state_rows(level: Profile, climb: Profile) -> list[Row]:
             ", ".join(f"{value:.3g}" for value in numeric),
             printed=", ".join(f"{value:.3g}" for value in row),
             where="(15), (16)",
-            note="by dP_d, dv_d, b, s, of the estimator; the row holds 480.5 m in the place of h_p, 480 m",
+            note="by dP_d, dv_d, b, s, of the estimator; the row holds 480.5 m in the place of "
+            "h_p, 480 m",
         ),
         holds(
             "h_m in (16), the altitude that is measured, leaves s alone",
             at_most(abs(driven.mean), 0.01),
             driven,
             where="(16)",
-            note=f"true 0: 5 m of noise, 10 Hz, ten minutes at 500 m; with an altitude without that noise {fixed}",
+            note="true 0: 5 m of noise, 10 Hz, ten minutes at 500 m; with an altitude without "
+            f"that noise {fixed}",
         ),
         *_found_rows(level, climb),
         Row("sigma_b^2", "1.0 m", "1.0 m² in ours: a variance", where="after (16)"),
@@ -175,7 +179,8 @@ def _found_rows(level: Profile, climb: Profile) -> list[Row]:
             1.0,
             unit="m",
             where="(14)",
-            note=f"the rows (16) have rank {level.rank}: only b + s h_p is seen; the filter says ± {level.sd[0]:.0f} m",
+            note=f"the rows (16) have rank {level.rank}: only b + s h_p is seen; the filter says "
+            f"± {level.sd[0]:.0f} m",
         ),
         compare(
             "b + s h_p in level flight",
@@ -211,9 +216,10 @@ def _found_rows(level: Profile, climb: Profile) -> list[Row]:
 
 def draw_states(page: Page, level: Profile, climb: Profile) -> None:
     caption = (
-        "Bias and scale factor found by the filter, one point a seed (true 25 m and 0.03). In level flight only "
-        "b + s h_p is seen (dashed: equal sums), and the points scatter along the gain of the priors (dotted), across "
-        "the dashed line; after a climb they gather at one point."
+        "Bias and scale factor found by the filter, one point a seed (true 25 m and 0.03). In "
+        "level flight only b + s h_p is seen (dashed: equal sums), and the points scatter along "
+        "the gain of the priors (dotted), across the dashed line; after a climb they gather at "
+        "one point."
     )
     with page.figure("states", caption, columns=2) as axes:
         for panel, profile, name in (

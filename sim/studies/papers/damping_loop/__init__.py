@@ -3,9 +3,9 @@
 
 The paper drives a car with a MEMS IMU and barometer over mountain roads and shows figures without
 numbers; apart from its formulas, the gains (10) and the schedule (8) nothing is printed that could
-be computed again. Its claims are tried on `sim.studies.papers.damping_loop.mountain_road`. Samples reach the
-estimators as a vehicle sends them, and are stepped through by their own `run`. Gains are found on
-the GPS velocity of one drive, and judged by the true velocity of the others.
+be computed again. Its claims are tried on `mountain_road`. Samples reach the estimators as a
+vehicle sends them, and are stepped through by their own `run`. Gains are found on the GPS velocity
+of one drive, and judged by the true velocity of the others.
 
 What the print leaves open, and what is wrong in it
 ---------------------------------------------------
@@ -47,11 +47,12 @@ def reproduce(seeds: int, out: Path, progress: Progress) -> Page:
     )
     progress(0.7, "genetic searches")
     page.text(
-        "The paper's results are figures of a drive that is not published; what it prints are formulas, a schedule and "
-        "three gains. Its claims are tried on a mountain road of our own: 1350 m to about 1950 m in five minutes, 15 K "
-        "and -8 hPa off the standard at sea level; an accelerometer at 20 Hz (0.2 m/s2 bias, 0.1 m/s2 / 60 s "
-        "Gauss-Markov, 0.1 m/s2 white), a barometer at 10 Hz (0.3 m white, 1 m / 60 s), GPS velocity at 1 Hz "
-        "(0.1 m/s). All of these are our assumptions."
+        "The paper's results are figures of a drive that is not published; what it prints are "
+        "formulas, a schedule and three gains. Its claims are tried on a mountain road of our "
+        "own: 1350 m to about 1950 m in five minutes, 15 K and -8 hPa off the standard at sea "
+        "level; an accelerometer at 20 Hz (0.2 m/s2 bias, 0.1 m/s2 / 60 s Gauss-Markov, 0.1 m/s2 "
+        "white), a barometer at 10 Hz (0.3 m white, 1 m / 60 s), GPS velocity at 1 Hz (0.1 m/s). "
+        "All of these are our assumptions."
     )
     add_atmosphere(page, drives)
     add_loop(page, tuned.best)

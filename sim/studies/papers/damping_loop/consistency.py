@@ -1,4 +1,4 @@
-"""Paper K's Kalman filter (11)-(16) with (15) as printed and corrected: does P tell the error?"""
+"""Paper K's Kalman filter (11)-(16), (15) as printed and corrected: does P tell the error?"""
 
 import numpy as np
 
@@ -14,7 +14,8 @@ NEES_DRIVES = 10
 
 def bias_nees(drives: list[Drive], place: str) -> Spread:
     """Normalised error squared of (height, climb) of a filter of climb, height and the barometer's
-    bias (11)-(16), with the noise of b in the row of the height, as (15) prints, or in that of b."""
+    bias (11)-(16), with the noise of b in the row of the height, as (15) prints, or in that of
+    b."""
     return spread(
         [_three_state_nees(driven, place == "as printed") for driven in drives[:NEES_DRIVES]]
     )

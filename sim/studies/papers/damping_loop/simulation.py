@@ -1,4 +1,4 @@
-"""Paper K's filters on drives: its formulas as printed, its loop and Kalman filters, gains by search."""
+"""Paper K's filters on drives: formulas as printed, loop and Kalman filters, gains by search."""
 
 import math
 from collections.abc import Callable

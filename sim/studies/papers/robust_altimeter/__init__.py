@@ -1,7 +1,7 @@
 """Paper C: Mañero Contreras, Hajiyev 2019, against `companion.estimators.robust_altimeter.steps`.
 
-The simulation of section 4 is `sim.studies.papers.robust_altimeter.altimeter_errors`. Whole samples (specific force,
-pressure, fix) through the estimator's `run` give the same errors: see the last table of the page.
+The simulation of section 4 is `altimeter_errors`. Whole samples (specific force, pressure, fix)
+through the estimator's `run` give the same errors: see the last table of the page.
 
 What the print leaves open, and what is wrong in it
 ---------------------------------------------------
@@ -11,8 +11,8 @@ What the print leaves open, and what is wrong in it
 - Table 2 gives IIG 2.17 m, Table 4 the same undisturbed altimeter 1.25 m, Table 6 1.27 m.
 - Whether IBI and IIG share one INS is not said: R of (13) and (18) holds its variance, 9 m2, in
   both. With one INS their errors are correlated and IBIG gains less; both readings are shown.
-- (32) is read with the instantaneous normalised innovation and its spread of 1; with a windowed mean
-  the robust filter is much weaker.
+- (32) is read with the instantaneous normalised innovation and its spread of 1; with a windowed
+  mean the robust filter is much weaker.
 - Which of the two filters the tables are of is not said. With the robust one no choice comes near
   them.
 """
@@ -44,23 +44,25 @@ def reproduce(seeds: int, out: Path, progress: Progress) -> Page:
         outcome[title] = tuple(simulate(model.having(faults=faults), draws) for model in MODELS)
     page = Page("C", seeds, out)
     page.text(
-        "An inertial channel drifts by the paper's error model; an altimeter with a barometer (IBI), one with GPS "
-        "(IIG) and their fusion (IBIG) find its error. Between iterations 200 and 400 of 600 (0.5 s each) sensors are "
-        "biased by 20 m (CBM) or their variance is 100-fold (MNI). Values are means of the absolute error of "
-        "estimating the error, in metres. R is 10 m² (13) and 13.9729 m² (18)."
+        "An inertial channel drifts by the paper's error model; an altimeter with a barometer "
+        "(IBI), one with GPS (IIG) and their fusion (IBIG) find its error. Between iterations 200 "
+        "and 400 of 600 (0.5 s each) sensors are biased by 20 m (CBM) or their variance is "
+        "100-fold (MNI). Values are means of the absolute error of estimating the error, in "
+        "metres. R is 10 m² (13) and 13.9729 m² (18)."
     )
     for (title, results), printed in zip(outcome.items(), MEANS, strict=True):
         page.table(title, mean_rows(results, printed), COLUMNS)
     page.text(
-        "*Table 1* is what the paper says it uses (sigma of U_B, which it does not give: 0.1), with the optimal and "
-        "with the robust gain. *Fitted* is the one set of assumptions that comes near all tables at once: optimal "
-        "gain, sigma of the vertical acceleration 0.6 instead of 0.00002 m/s², sigma of U_B 0.2. The inertial channel "
-        "is then so bad that each altimeter is little more than its sensor. The verdict is that of the fitted value "
-        "with two INS, within 20 %; *one INS* draws the INS's part of both measurements (9 m² of R) once. "
-        "Assumptions of ours, which the paper does not give: 600 iterations, a bias of 20 m, a factor of 100, and "
-        "(32) with the instantaneous innovation. "
-        "The paper contradicts itself: IIG, undisturbed in all three, has 2.17 m in Table 2, 1.25 m in "
-        "Table 4 and 1.27 m in Table 6."
+        "*Table 1* is what the paper says it uses (sigma of U_B, which it does not give: 0.1), "
+        "with the optimal and with the robust gain. *Fitted* is the one set of assumptions that "
+        "comes near all tables at once: optimal gain, sigma of the vertical acceleration 0.6 "
+        "instead of 0.00002 m/s², sigma of U_B 0.2. The inertial channel is then so bad that each "
+        "altimeter is little more than its sensor. The verdict is that of the fitted value with "
+        "two INS, within 20 %; *one INS* draws the INS's part of both measurements (9 m² of R) "
+        "once. Assumptions of ours, which the paper does not give: 600 iterations, a bias of 20 "
+        "m, a factor of 100, and (32) with the instantaneous innovation. The paper contradicts "
+        "itself: IIG, undisturbed in all three, has 2.17 m in Table 2, 1.25 m in Table 4 and 1.27 "
+        "m in Table 6."
     )
     page.table(
         "The same tables: standard deviations",

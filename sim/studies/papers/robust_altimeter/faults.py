@@ -1,4 +1,4 @@
-"""Paper C: the robust filter against the optimal one by the size of a bias, and its lock-out."""
+"""Paper C: robust against optimal filter by the size of a bias, and the lock-out."""
 
 import math
 
@@ -44,7 +44,8 @@ def add_sweep(page: Page, draws: Array) -> None:
                 f"both biased by {from_m:g} m or more",
                 printed="always",
                 where="sec. 5",
-                note=f"biased by {BIASES_M[worst]:g} m it is {(robust / optimal)[worst].max():.1f} times worse",
+                note=f"biased by {BIASES_M[worst]:g} m it is "
+                f"{(robust / optimal)[worst].max():.1f} times worse",
             ),
             holds(
                 "the same for large faults",

@@ -1,4 +1,4 @@
-"""Paper C: whole samples (specific force, pressure, fix) through the estimator's `run`."""
+"""Paper C: whole samples (force, pressure, fix) through the estimator's `run`."""
 
 import math
 
@@ -18,7 +18,8 @@ from sim.studies.papers.robust_altimeter.models import TABLE_1, Outcome
 Array = NDArray[np.float64]
 LIVE_SEEDS = 10
 LEAD = 6
-"""Iterations of the IMU alone before the first pressure and fix: the attitude is aligned in them."""
+"""Iterations of the IMU alone before the first pressure and fix: the attitude is aligned in
+them."""
 
 
 def live_log(model: Model, draw: Array) -> SampleLog:
@@ -56,7 +57,8 @@ def live_log(model: Model, draw: Array) -> SampleLog:
 
 
 def live_errors_m(model: Model, log: SampleLog, publish: str) -> Array:
-    """Errors of whole samples through the estimator's `run`; the datum of the barometer is known."""
+    """Errors of whole samples through the estimator's `run`; the datum of the barometer is
+    known."""
     params = model.params()
     params["publish"], params["reference_s"] = PUBLISH[publish], 1e18
     state = METHOD.init(params)
@@ -75,7 +77,8 @@ def add_live(page: Page, outcome: Outcome, draws: Array) -> None:
         live = [np.abs(live_errors_m(TABLE_1, log, name.lower())).mean() for log in logs]
         lines.append([name, spread(free.mean_m(altimeter)[: draws.shape[0]]), spread(live)])
     page.grid(
-        "Through the estimator's `run`, sample by sample (mean error without a fault, Table 1, optimal, m)",
+        "Through the estimator's `run`, sample by sample (mean error without a fault, Table 1, "
+        "optimal, m)",
         [
             f"the first {draws.shape[0]} seeds",
             "as simulated above",

@@ -1,4 +1,4 @@
-"""Paper C: the assumptions that are compared, the paper's scenarios and its printed errors."""
+"""Paper C: the assumptions that are compared, the scenarios and the printed errors."""
 
 import numpy as np
 from numpy.typing import NDArray

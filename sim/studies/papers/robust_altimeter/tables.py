@@ -111,7 +111,8 @@ def _isolation_row(biased: Sequence[float], noisy: Sequence[float]) -> Row:
     return holds(
         "one faulty: the other altimeter, as the estimator recommends it, is better than IBIG",
         both(below(biased[3], biased[2]), below(noisy[3], noisy[2])),
-        f"IBI biased {biased[3]:.2f} against {biased[2]:.2f}, noisy {noisy[3]:.2f} against {noisy[2]:.2f}",
+        f"IBI biased {biased[3]:.2f} against {biased[2]:.2f}, noisy "
+        f"{noisy[3]:.2f} against {noisy[2]:.2f}",
         where="sec. 5",
         note="isolated by prob(1/i) and disagreement, not by knowing the fault",
     )

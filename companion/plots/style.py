@@ -1,9 +1,9 @@
 """One colour and line style for each source, the same on every page.
 
 Two lines that are compared differ by at least `LEAST_DIFFERENCE` in colour (CIEDE2000), for normal
-sight, deuteranopia and protanopia; ``tests/unit/companion/test_plot_style.py`` computes it. The dash
-pattern tells the lines apart in print without colour. Our altitude is the thickest line and is drawn
-above the others; raw GNSS is thin and lies below.
+sight, deuteranopia and protanopia; ``tests/unit/companion/test_plot_style.py`` computes it. The
+dash pattern tells the lines apart in print without colour. Our altitude is the thickest line and is
+drawn above the others; raw GNSS is thin and lies below.
 """
 
 from collections.abc import Mapping
@@ -76,7 +76,7 @@ SOURCES: Mapping[str, LineStyle] = {
 
 
 def estimator_style(name: str) -> LineStyle:
-    """The line of an estimator where several are compared. Raises `KeyError` for an unknown name."""
+    """The line of an estimator where several are compared. Raises `KeyError` if unknown."""
     from companion.estimators import DEFAULT_ESTIMATOR, ESTIMATORS
 
     if name == DEFAULT_ESTIMATOR:

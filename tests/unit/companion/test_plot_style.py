@@ -4,10 +4,12 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from companion.estimators import ESTIMATORS
 from companion.plots import style
 
+Array = NDArray[np.float64]
 SIGHTS = {
     "normal": np.eye(3),
     "protanopia": np.array(
@@ -36,19 +38,19 @@ TO_XYZ = np.array(
 )
 
 
-def linear(colour: str) -> np.ndarray:
+def linear(colour: str) -> Array:
     code = np.array([int(colour[at : at + 2], 16) for at in (1, 3, 5)]) / 255.0
     return np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
 
 
-def lab(rgb: np.ndarray) -> np.ndarray:
+def lab(rgb: Array) -> Array:
     """CIE L*a*b* of linear sRGB, white D65."""
     ratio = TO_XYZ @ rgb / TO_XYZ.sum(axis=1)
     f = np.where(ratio > (6 / 29) ** 3, np.cbrt(ratio), ratio / (3 * (6 / 29) ** 2) + 4 / 29)
     return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
 
 
-def ciede2000(one: np.ndarray, other: np.ndarray) -> float:
+def ciede2000(one: Array, other: Array) -> float:
     """CIE 142-2001, in the notation of Sharma, Wu and Dalal (2005)."""
     chroma = (np.hypot(*one[1:]) + np.hypot(*other[1:])) / 2
     g = 0.5 * (1 - np.sqrt(chroma**7 / (chroma**7 + 25.0**7)))
@@ -97,26 +99,28 @@ def contrast(colour: str) -> float:
         ((22.7233, 20.0904, -46.6940), (23.0331, 14.9730, -42.5619), 2.0373),
     ],
 )
-def test_the_difference_is_that_of_sharma(one, other, expected):
+def test_the_difference_is_that_of_sharma(
+    one: tuple[float, ...], other: tuple[float, ...], expected: float
+) -> None:
     assert ciede2000(np.array(one), np.array(other)) == pytest.approx(expected, abs=1e-4)
 
 
-def test_the_old_demonstration_would_have_failed():
+def test_the_old_demonstration_would_have_failed() -> None:
     assert difference("#1f77b4", "#9467bd") < 8.0  # Kollsman and autopilot until November 2026
 
 
-def test_roles_differ_for_every_sight():
+def test_roles_differ_for_every_sight() -> None:
     found = {pair: difference(*pair) for pair in combinations(style.ROLES, 2)}
     assert min(found.values()) >= style.LEAST_DIFFERENCE, found
 
 
-def test_estimators_differ_for_every_sight():
+def test_estimators_differ_for_every_sight() -> None:
     colours = [style.estimator_style(name).colour for name in ESTIMATORS] + [style.TRUTH]
     found = {pair: difference(*pair) for pair in combinations(colours, 2)}
     assert min(found.values()) >= style.LEAST_DIFFERENCE, found
 
 
-def test_ours_is_above_and_thickest_and_raw_gnss_is_thin_and_below():
+def test_ours_is_above_and_thickest_and_raw_gnss_is_thin_and_below() -> None:
     lines = style.SOURCES
     assert lines["estimate"].width == max(line.width for line in lines.values())
     assert lines["estimate"].order == max(line.order for line in lines.values())
@@ -124,7 +128,7 @@ def test_ours_is_above_and_thickest_and_raw_gnss_is_thin_and_below():
     assert lines["gnss"].order == min(line.order for line in lines.values())
 
 
-def test_a_label_finds_its_line():
+def test_a_label_finds_its_line() -> None:
     assert style.style_of("raw GNSS") is style.SOURCES["gnss"]
     assert style.style_of("vertical-bank").colour == style.FUSED
     with pytest.raises(KeyError):
@@ -132,5 +136,5 @@ def test_a_label_finds_its_line():
 
 
 @pytest.mark.parametrize("colour", [style.INK, style.FAINT, style.GOOD, style.WARNING, style.BAD])
-def test_text_can_be_read_on_white(colour):
+def test_text_can_be_read_on_white(colour: str) -> None:
     assert contrast(colour) >= 4.5

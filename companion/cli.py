@@ -202,10 +202,11 @@ def key(
 ) -> None:
     """Make a file with a new key for MAVLink 2 signing; only its owner can read it.
 
-    The file holds a passphrase. Give the same one to the vehicle with a ground station: QGroundControl
-    (Application Settings, Telemetry, MAVLink 2 signing), Mission Planner (Setup, Advanced, MAVLink
-    signing) or MAVProxy (signing setup PASSPHRASE). Then set signing.key_file: every message of
-    Kollsman is signed, and messages that are unsigned, signed with another key, or repeated are refused.
+    The file holds a passphrase. Give the same one to the vehicle with a ground station:
+    QGroundControl (Application Settings, Telemetry, MAVLink 2 signing), Mission Planner (Setup,
+    Advanced, MAVLink signing) or MAVProxy (signing setup PASSPHRASE). Then set signing.key_file:
+    every message of Kollsman is signed, and messages that are unsigned, signed with another key, or
+    repeated are refused.
     """
     from companion.key_file import make_key
 

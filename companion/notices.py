@@ -30,7 +30,7 @@ def signing_problem(pipeline: Pipeline) -> tuple[str, str] | None:
         return None
     if counters[FrameReject.REPEATED]:
         return (
-            f"{counters[FrameReject.REPEATED]} messages refused: signed with a time stamp of the past",
+            f"{counters[FrameReject.REPEATED]} messages refused: signed with an old time stamp",
             "two programs may share ids and key (signing.link_id), or a recording is repeated",
         )
     if counters[FrameReject.UNSIGNED]:

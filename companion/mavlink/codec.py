@@ -212,7 +212,7 @@ def _field(value: Any) -> Any:
 
 
 class Encoder:
-    """Messages -> frames of one sender, with its sequence numbers, signed where `signing` is given."""
+    """Messages -> frames of one sender, with its sequence numbers, signed if `signing` is given."""
 
     def __init__(self, system_id: int, component_id: int, signing: Signing | None = None) -> None:
         self._mav = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=component_id)

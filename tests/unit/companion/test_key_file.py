@@ -77,7 +77,7 @@ def test_a_file_that_others_can_read_is_refused(
 
 
 def test_time_stamps_outlast_a_restart(path: Path, tmp_path: Path) -> None:
-    """Whatever the computer's clock says then, the first stamp is newer than the last one before."""
+    """Whatever the computer's clock says, the first stamp is newer than the last before."""
     first = store(path, tmp_path)
     for _ in range(1000):
         last = first.signing.next_stamp()

@@ -85,8 +85,8 @@ def test_the_first_of_a_stream_may_be_a_minute_old() -> None:
 
 
 def test_a_clock_that_is_behind_follows_the_vehicle() -> None:
-    """A computer without a clock module that starts in 1970: the vehicle refuses our first frame, and
-    takes those after its own first one."""
+    """A computer without a clock module that starts in 1970: our first frame is refused, and
+    those after the first of the vehicle are taken."""
     made = signing(now=0)
     receiver = pymavlink_receiver(newest=NOW)
     encoder = Encoder(1, 191, made)

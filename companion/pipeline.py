@@ -129,13 +129,7 @@ class Pipeline:
             self._set_air_key,
         )
         self._thermometers = convert.THERMOMETERS[settings.intake.air_temperature]
-        self._wanted = set(convert.CONVERTERS) | {
-            *(RAW_IMU, SYSTEM_TIME, ALTITUDE, GLOBAL_POSITION_INT),
-            *self._thermometers,
-            *self._listeners,
-        }
-        if self.feedback.knob is not None:
-            self._wanted.add(PARAM_VALUE)
+        self._wanted = self._decoded()
         self.observe(observer)
         self._conflict: Callable[[Frame], None] | None = None
         self._rate_request: Callable[[Frame], None] | None = None
@@ -152,6 +146,16 @@ class Pipeline:
         self._imu = ImuSelector()
         self._scaled_pressure_us = -PRESSURE_TIMEOUT_US
         self.air = KnownAir(settings.air)
+
+    def _decoded(self) -> set[int]:
+        """Ids of the messages that are decoded: the measurements, and what is listened to."""
+        wanted = {
+            *convert.CONVERTERS,
+            *(RAW_IMU, SYSTEM_TIME, ALTITUDE, GLOBAL_POSITION_INT),
+            *self._thermometers,
+            *self._listeners,
+        }
+        return wanted | {PARAM_VALUE} if self.feedback.knob is not None else wanted
 
     @property
     def wanted(self) -> frozenset[int]:

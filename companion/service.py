@@ -128,7 +128,10 @@ class Service:
         self._recorder = recorder
         self._recent: deque[bytes] = deque(maxlen=256)
         self._foreign_heartbeats = 0
-        start_us = clock.now_us()
+        self._start(clock.now_us())
+
+    def _start(self, start_us: int) -> None:
+        """Every instant of the host's clock is `start_us`."""
         self._start_us = start_us
         self._traffic = Traffic()
         self._backlog = Backlog()

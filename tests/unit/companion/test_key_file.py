@@ -91,16 +91,14 @@ def test_time_stamps_outlast_a_restart(path: Path, tmp_path: Path) -> None:
     assert after.signing.next_stamp() > last
 
 
-def test_a_disk_that_is_full_does_not_stop_the_service(
-    path: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_disk_that_is_full_does_not_stop_the_service(path: Path, tmp_path: Path) -> None:
     made = store(path, tmp_path)
     for each in made._reserves:
         each.path = tmp_path / "no folder" / "x.stamp"
         each._due = 0
     made.keep()
     made.keep()
-    assert caplog.text.count("are not kept") == 2
+    assert made.signing.next_stamp() >= stamp_of(UNIX_S)
 
 
 class Bench:

@@ -24,7 +24,6 @@ from companion.notify import Notifier
 from companion.output import Output, set_up_logging, timestamp
 
 if TYPE_CHECKING:
-    from companion.links import Link
     from companion.service import Service, Status
     from companion.settings import CompanionSettings
 
@@ -92,24 +91,28 @@ def run(
     started_s = time.perf_counter()
     if as_json:
         set_up_logging(logging.getLogger().level, as_json=True)
-    settings = resolve_settings(config, estimator, changes)
-    say_if_compiling(settings.estimator)
-    settings = _with_options(settings, record, system_id, component_id)
-
-    from companion.checkpoint import Checkpoint, fingerprint
     from companion.clock import SystemClock
-    from companion.key_file import open_signing
+    from companion.interim import begin
     from companion.links import open_links
-    from companion.recording import Recording
-    from companion.restarts import serve
-    from companion.service import Service
-    from companion.warmup import warm_up
 
     clock, output = SystemClock(), Output()
-    signing = open_signing(settings.signing)
     with ExitStack() as stack, _stop_signals() as stopped:
         opened = open_links([link, *(more or [])], clock)
         stack.callback(opened.close)
+        ids = {"system_id": system_id, "component_id": component_id}
+        interim = begin(opened, clock, config, changes or [], ids)
+        if interim is not None:
+            stack.callback(interim.stop)
+        settings = resolve_settings(config, estimator, changes)
+        say_if_compiling(settings.estimator)
+        settings = _with_options(settings, record, system_id, component_id)
+
+        from companion.checkpoint import Checkpoint, fingerprint
+        from companion.recording import Recording
+        from companion.restarts import serve
+        from companion.service import Service
+        from companion.warmup import warm_up
+
         path = settings.record.path
         recorder = stack.enter_context(Recording(path, settings.record)) if path else None
         warm_up(settings)
@@ -124,8 +127,9 @@ def run(
                 clock,
                 recorder=recorder,
                 checkpoint=keeper,
+                follows=interim.identity if interim is not None else None,
                 earlier=earlier,
-                signing=signing,
+                signing=interim.signing if interim is not None else None,
             )
 
         def run_one(service: Service) -> None:
@@ -134,18 +138,12 @@ def run(
             lines.ready(time.perf_counter() - started_s)
             service.run(lambda: bool(stopped), lines.show)
 
-        _drain(opened)
+        if interim is not None:
+            interim.stop()
         serve(make, run_one, clock)
         stack.close()
         if lines is not None:
             lines.stopped(recorder)
-
-
-def _drain(link: "Link") -> None:
-    """Discard what arrived while the code was compiled or loaded: it is old."""
-    end_s = time.monotonic() + 1.0
-    while link.receive(0.0) and time.monotonic() < end_s:
-        pass
 
 
 def _with_options(

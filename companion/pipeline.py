@@ -22,6 +22,7 @@ from companion.mavlink.commands import answers
 from companion.mavlink.identity import Identity, Origin
 from companion.mavlink.imu import ImuSelector
 from companion.mavlink.outputs import SEVERITY, Outputs, Source, heartbeat
+from companion.mavlink.own_heights import own_heights
 from companion.mavlink.parameters import Parameters
 from companion.mavlink.signing import Signing
 from companion.mavlink.texts import Allowance, StatusTexts
@@ -395,7 +396,7 @@ class Pipeline:
             self._compare(True, (self.now_us, *convert.sim_state(message)))
         elif message_id == GLOBAL_POSITION_INT:
             self._compare(False, convert.global_position(message))
-            self.feedback.height(*convert.own_heights(message))
+            self.feedback.height(*own_heights(message))
             own_height = self.outputs.own_height(message, self.now_us, self.health.health)
             return self._publish(own_height) if own_height is not None else []
         elif message_id == PARAM_VALUE:

@@ -23,7 +23,7 @@ from companion.links.routing import Router
 from companion.links.traffic import Traffic
 from companion.logs import LogWriter
 from companion.mavlink.codec import Frame, Message, mavlink
-from companion.mavlink.identity import Origin, autopilot_name
+from companion.mavlink.identity import Identity, Origin, autopilot_name
 from companion.notices import notice
 from companion.pipeline import Observer, Pipeline
 from companion.samples import Kind, Packet
@@ -82,7 +82,8 @@ class Service:
     recorder : where to write every frame heard and sent.
     observer : sees the pipeline from inside.
     checkpoint : where the state is kept in case this process is killed.
-    earlier : a service on the same link that failed; its vehicle is followed at once.
+    follows : who was heard before; its vehicle is followed at once.
+    earlier : a service on the same link that failed: the checkpoint is not continued.
     signing : the key, and where its time stamps are kept; None: nothing is signed or verified.
     """
 
@@ -95,6 +96,7 @@ class Service:
         recorder: LogWriter | None = None,
         observer: Observer | None = None,
         checkpoint: Checkpoint | None = None,
+        follows: Identity | None = None,
         earlier: "Service | None" = None,
         signing: SigningStore | None = None,
     ) -> None:
@@ -117,8 +119,9 @@ class Service:
             signing=signing.signing if signing is not None else None,
         )
         self._signing = signing
-        if earlier is not None:
-            self.pipeline.identity.resume(earlier.pipeline.identity, clock.now_us())
+        follows = earlier.pipeline.identity if earlier is not None else follows
+        if follows is not None:
+            self.pipeline.identity.resume(follows, clock.now_us())
         self.pipeline.on_own_ids(self._own_ids_heard)
         self._checkpoint = checkpoint
         is_first = checkpoint is not None and earlier is None

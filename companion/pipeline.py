@@ -18,10 +18,10 @@ from companion.intake import Intake, SampleReject, restart_row
 from companion.known_air import KnownAir, LiveAir
 from companion.mavlink import convert
 from companion.mavlink.codec import Decoder, Encoder, Frame, Message, mavlink
-from companion.mavlink.commands import answers
+from companion.mavlink.commands import Commands, Sent
 from companion.mavlink.identity import Identity, Origin
 from companion.mavlink.imu import ImuSelector
-from companion.mavlink.outputs import SEVERITY, Outputs, Source, heartbeat
+from companion.mavlink.outputs import SEVERITY, Outputs, Source, heartbeat, intervals
 from companion.mavlink.own_heights import own_heights
 from companion.mavlink.parameters import Parameters
 from companion.mavlink.signing import Signing
@@ -123,6 +123,8 @@ class Pipeline:
         self._listeners = dict(listeners or {})
         self._encoders: dict[tuple[int, int], Encoder] = {}
         self._answers = Allowance(ANSWERS_PER_S)
+        self._sent, self._host_us = Sent(), 0
+        self.commands = Commands(self._sent, intervals(settings.publish))
         self.parameters = Parameters(
             settings,
             LiveAir,
@@ -253,6 +255,7 @@ class Pipeline:
     def age(self, host_us: int) -> list[bytes]:
         """Time passed on the host's clock: lose a height that has become old, send texts that are
         due."""
+        self._host_us = host_us
         if self.health.age(host_us, partial(self._others, host_us)):
             self._tell_health()
             vehicle = self.identity.vehicle or (0, 0)
@@ -318,6 +321,7 @@ class Pipeline:
 
     def _take(self, frames: list[Frame], arrival_us: int, source: Hashable) -> list[bytes]:
         self.frames = []
+        self._host_us = arrival_us
         sent: list[bytes] = []
         for frame in frames:
             sent += self._frame(frame, arrival_us, source)
@@ -375,7 +379,8 @@ class Pipeline:
         if not self._answers.takes(arrival_us):
             return []
         if is_command:
-            return self._encode(answers(message, (frame.system_id, frame.component_id)))
+            asker = (frame.system_id, frame.component_id)
+            return self._encode(self.commands.answer(message, asker, arrival_us))
         return self._encode(self.parameters.answer(message))
 
     def _message(self, message: Message, message_id: int, arrival_us: int) -> list[bytes]:
@@ -533,6 +538,8 @@ class Pipeline:
     def _encode(self, messages: list[Message]) -> list[bytes]:
         if not self._sends:
             return []
+        for message in messages:
+            self._sent.note(message, self._host_us)
         own, version = self.identity.own, self.identity.version
         if self.identity.vehicle is None:
             version = 2  # an autopilot that can speak MAVLink 2 may wait for it

@@ -6,11 +6,13 @@ heard.
 """
 
 import logging
+import math
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
 from companion.admission import Admission
+from companion.air_store import AirStore
 from companion.backlog import Backlog
 from companion.checkpoint import Checkpoint
 from companion.clock import Clock
@@ -29,6 +31,7 @@ from companion.pipeline import Observer, Pipeline
 from companion.samples import Kind, Packet
 from companion.settings import CompanionSettings
 from companion.streaming import Streaming
+from companion.timesync import TimeSync
 
 logger = logging.getLogger("kollsman.service")
 
@@ -71,6 +74,10 @@ class Status:
     """of each link and sender: frames, lost, jitter_s"""
     rejected: dict[str, int]
     """bad input by cause"""
+    round_trip_s: float
+    """of TIMESYNC to the vehicle and back; NaN before its first answer"""
+    age_s: float
+    """of the newest time stamp of the vehicle; NaN before its first answer to TIMESYNC"""
 
 
 class Service:
@@ -123,6 +130,10 @@ class Service:
         if follows is not None:
             self.pipeline.identity.resume(follows, clock.now_us())
         self.pipeline.on_own_ids(self._own_ids_heard)
+        self.pipeline.commands.store = self._store_air
+        self._air_store = AirStore([link.url])
+        self._air_store.restore(self.pipeline.air, settings.air)
+        self.timesync = TimeSync()
         self._checkpoint = checkpoint
         is_first = checkpoint is not None and earlier is None
         self._resumption = checkpoint.restore(self.pipeline) if checkpoint and is_first else None
@@ -212,6 +223,8 @@ class Service:
             self.link.state.name.lower(),
             {url: traffic.as_dict() for url, traffic in self.traffic().items()},
             self.rejected(),
+            self.timesync.round_trip_s,
+            self.timesync.age_s(now_us, self.pipeline.now_us),
         )
 
     def traffic(self) -> dict[str, Traffic]:
@@ -236,6 +249,9 @@ class Service:
         if now_us >= self._heartbeat_due_us:
             self._heartbeat_due_us = now_us + HEARTBEAT_US
             self._send(self.pipeline.heartbeat(), now_us)
+        request = self.timesync.poll(now_us) if self.pipeline.identity.vehicle else None
+        if request is not None:
+            self._send(self.pipeline.encode(request), now_us)
         path = (self.link.statistics.reconnects, self.pipeline.identity.source)
         for message in self._streaming.poll(now_us, path):
             self._send(self.pipeline.encode(message), now_us)
@@ -297,11 +313,17 @@ class Service:
             self._recorder = None
 
     def _time_asked(self, message: Message) -> None:
-        """The vehicle compares its clock with ours."""
-        if message.tc1 == 0:  # a request, not an answer
-            now_us = self.clock.now_us()
+        """The vehicle compares its clock with ours, or answers our request."""
+        now_us = self.clock.now_us()
+        if message.tc1:
+            self.timesync.take(message, now_us)
+        else:
             answer = mavlink.MAVLink_timesync_message(now_us * 1000, message.ts1)
             self._send(self.pipeline.encode(answer), now_us)
+
+    def _store_air(self, keeps: bool) -> bool:
+        """A ground station wants what it set of the air kept for the next start, or forgotten."""
+        return self._air_store.keep(self.pipeline.air if keeps else None)
 
     def _acknowledged(self, message: Message) -> None:
         self._streaming.acknowledge(message, self.clock.now_us())
@@ -327,10 +349,12 @@ class Service:
         links = "".join(f"; {url}: {traffic}" for url, traffic in self.traffic().items())
         strangers = identity.counters[Origin.STRANGER]
         outdated = f", {self.outdated} outdated not sent" if self.outdated else ""
+        trip_s = self.timesync.round_trip_s
+        delay = f", round trip {1000 * trip_s:.0f} ms" if math.isfinite(trip_s) else ""
         return (
             f"{decoder.frames} frames heard ({identity.counters[Origin.VEHICLE]} of the vehicle, "
             f"{strangers} others), {self.sent_frames} sent ({self.published} ALTITUDE{outdated}), "
-            f"bad input: {self.rejected() or 'none'}{links}"
+            f"bad input: {self.rejected() or 'none'}{delay}{links}"
         )
 
 

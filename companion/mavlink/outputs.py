@@ -214,6 +214,28 @@ class Outputs:
         return self._range[1] * (self._cos_tilt[1] if tilted and self._cos_tilt else 1.0)
 
 
+def intervals(settings: PublishSettings) -> dict[int, int]:
+    """Message id -> interval in microseconds of what is sent at a rate."""
+    altitude_us, debug_us = (
+        round(1e6 / settings.altitude_hz) if settings.altitude != "never" else 0,
+        round(1e6 / settings.debug_hz) if settings.debug else 0,
+    )
+    debug = dict.fromkeys(
+        (
+            mavlink.MAVLINK_MSG_ID_DEBUG,
+            mavlink.MAVLINK_MSG_ID_DEBUG_VECT,
+            mavlink.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY,
+            mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT,
+        ),
+        debug_us,
+    )
+    return {
+        mavlink.MAVLINK_MSG_ID_HEARTBEAT: 1_000_000,
+        mavlink.MAVLINK_MSG_ID_ALTITUDE: altitude_us,
+        **debug,
+    }
+
+
 def heartbeat(health: Health) -> Message:
     """Our own HEARTBEAT: an onboard controller, no autopilot; CRITICAL while the altitude is
     lost."""

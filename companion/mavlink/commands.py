@@ -5,7 +5,7 @@ No command changes the vehicle or the estimate.
 
 ============================== ================================================================
 REQUEST_MESSAGE                AUTOPILOT_VERSION; MESSAGE_INTERVAL of a message of ours (param2);
-                               each message of `ON_REQUEST`, as it was sent last; DENIED when none was
+                               each message of `ON_REQUEST`, as sent last; DENIED when none was
                                sent in the last two seconds: no old altitude goes out
 REQUEST_AUTOPILOT_CAPABILITIES AUTOPILOT_VERSION
 GET_MESSAGE_INTERVAL           MESSAGE_INTERVAL of a message of ours

@@ -21,9 +21,14 @@ from companion.mavlink.codec import Decoder, Encoder, Frame, Message, mavlink
 from companion.mavlink.identity import Identity, Origin
 from companion.mavlink.outputs import Outputs, heartbeat
 from companion.mavlink.parameters import Parameters
+<<<<<<< HEAD
 from companion.mavlink.readings import ReadingSelector
 from companion.mavlink.requests import REQUESTS, Requests, asks_rate
 from companion.observer import Observer
+=======
+from companion.mavlink.signing import Signing
+from companion.mavlink.texts import Allowance, StatusTexts
+>>>>>>> struct
 from companion.recorded import Item, Sensed
 from companion.samples import Kind, Packet, Rows, Verdict
 from companion.settings import CompanionSettings
@@ -52,6 +57,7 @@ class Pipeline:
     listeners : what else wants messages of the vehicle, by message id (answers to our requests).
     sends : False when nobody wants the frames to send: none are made, which saves half the time.
     feedback : one with a mark on disk; default: one without.
+    signing : signs what is sent and refuses what is not signed; None: neither.
     """
 
     def __init__(
@@ -63,8 +69,10 @@ class Pipeline:
         listeners: Mapping[int, Callable[[Message], None]] | None = None,
         sends: bool = True,
         feedback: Feedback | None = None,
+        signing: Signing | None = None,
     ) -> None:
         self.settings = settings
+        self.signing = signing
         self._sends = sends
         self.decoder = Decoder(datagrams=datagrams)
         self.identity = Identity(
@@ -88,12 +96,17 @@ class Pipeline:
         self._requests = Requests(
             Parameters(settings, LiveAir, lambda key: getattr(self.air, key), self._set_air)
         )
+<<<<<<< HEAD
         self._wanted = self.readings.message_ids | {
             *(SYSTEM_TIME, ALTITUDE, GLOBAL_POSITION_INT),
             *self._listeners,
         }
         if self.feedback.knob is not None:
             self._wanted.add(PARAM_VALUE)
+=======
+        self._thermometers = convert.THERMOMETERS[settings.intake.air_temperature]
+        self._wanted = self._decoded()
+>>>>>>> struct
         self.observe(observer)
         self._conflict: Callable[[Frame], None] | None = None
         self._rate_request: Callable[[Frame], None] | None = None
@@ -109,6 +122,16 @@ class Pipeline:
         self.outputs = Outputs(settings.publish)
         self.readings = ReadingSelector(settings.intake.air_temperature)
         self.air = KnownAir(settings.air)
+
+    def _decoded(self) -> set[int]:
+        """Ids of the messages that are decoded: the measurements, and what is listened to."""
+        wanted = {
+            *convert.CONVERTERS,
+            *(RAW_IMU, SYSTEM_TIME, ALTITUDE, GLOBAL_POSITION_INT),
+            *self._thermometers,
+            *self._listeners,
+        }
+        return wanted | {PARAM_VALUE} if self.feedback.knob is not None else wanted
 
     @property
     def wanted(self) -> frozenset[int]:
@@ -231,6 +254,10 @@ class Pipeline:
 
     def _frame(self, frame: Frame, arrival_us: int, source: Hashable) -> list[bytes]:
         identity, message_id = self.identity, frame.message_id
+        refusal = self.signing.refusal(frame) if self.signing is not None else None
+        if refusal is not None:
+            self.decoder.counters[refusal] += 1
+            return []
         speaker = (frame.system_id, frame.component_id)
         if message_id == HEARTBEAT and speaker not in (identity.vehicle, identity.own):
             message = self.decoder.decode(frame)
@@ -389,8 +416,14 @@ class Pipeline:
         own, version = self.identity.own, self.identity.version
         if self.identity.vehicle is None:
             version = 2  # an autopilot that can speak MAVLink 2 may wait for it
+<<<<<<< HEAD
         if own not in self._encoders:
             self._encoders[own] = Encoder(*own)
         encoder = self._encoders[own]
+=======
+        encoder = self._encoders.get(own)
+        if encoder is None:
+            encoder = self._encoders[own] = Encoder(*own, self.signing)
+>>>>>>> struct
         frames = (encoder.encode(message, version) for message in messages)
         return [frame for frame in frames if frame]

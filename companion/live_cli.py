@@ -95,20 +95,29 @@ def run(
     settings = resolve_settings(config, estimator, changes)
     say_if_compiling(settings.estimator)
     settings = _with_options(settings, record, system_id, component_id)
+    _serve([link, *(more or [])], settings, Output(), started_s, as_json=as_json)
 
+
+def _serve(
+    urls: list[str],
+    settings: "CompanionSettings",
+    output: Output,
+    started_s: float,
+    *,
+    as_json: bool,
+) -> None:
+    """Open the links and serve the vehicle on them until a stop signal."""
     from companion.checkpoint import Checkpoint, fingerprint
     from companion.clock import SystemClock
-    from companion.key_file import open_signing
     from companion.links import open_links
     from companion.recording import Recording
     from companion.restarts import serve
     from companion.service import Service
     from companion.warmup import warm_up
 
-    clock, output = SystemClock(), Output()
-    signing = open_signing(settings.signing)
+    clock = SystemClock()
     with ExitStack() as stack, _stop_signals() as stopped:
-        opened = open_links([link, *(more or [])], clock)
+        opened = open_links(urls, clock)
         stack.callback(opened.close)
         path = settings.record.path
         recorder = stack.enter_context(Recording(path, settings.record)) if path else None
@@ -119,13 +128,7 @@ def run(
         def make() -> Service:
             earlier = lines.service if lines is not None else None
             return Service(
-                opened,
-                settings,
-                clock,
-                recorder=recorder,
-                checkpoint=keeper,
-                earlier=earlier,
-                signing=signing,
+                opened, settings, clock, recorder=recorder, checkpoint=keeper, earlier=earlier
             )
 
         def run_one(service: Service) -> None:

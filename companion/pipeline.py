@@ -21,14 +21,10 @@ from companion.mavlink.codec import Decoder, Encoder, Frame, Message, mavlink
 from companion.mavlink.identity import Identity, Origin
 from companion.mavlink.outputs import Outputs, heartbeat
 from companion.mavlink.parameters import Parameters
-<<<<<<< HEAD
 from companion.mavlink.readings import ReadingSelector
 from companion.mavlink.requests import REQUESTS, Requests, asks_rate
-from companion.observer import Observer
-=======
 from companion.mavlink.signing import Signing
-from companion.mavlink.texts import Allowance, StatusTexts
->>>>>>> struct
+from companion.observer import Observer
 from companion.recorded import Item, Sensed
 from companion.samples import Kind, Packet, Rows, Verdict
 from companion.settings import CompanionSettings
@@ -93,20 +89,16 @@ class Pipeline:
         """the frames of the last packet"""
         self._listeners = dict(listeners or {})
         self._encoders: dict[tuple[int, int], Encoder] = {}
-        self._requests = Requests(
-            Parameters(settings, LiveAir, lambda key: getattr(self.air, key), self._set_air)
+        self.parameters = Parameters(
+            settings, LiveAir, lambda key: getattr(self.air, key), self._set_air
         )
-<<<<<<< HEAD
+        self._requests = Requests(self.parameters)
         self._wanted = self.readings.message_ids | {
             *(SYSTEM_TIME, ALTITUDE, GLOBAL_POSITION_INT),
             *self._listeners,
         }
         if self.feedback.knob is not None:
             self._wanted.add(PARAM_VALUE)
-=======
-        self._thermometers = convert.THERMOMETERS[settings.intake.air_temperature]
-        self._wanted = self._decoded()
->>>>>>> struct
         self.observe(observer)
         self._conflict: Callable[[Frame], None] | None = None
         self._rate_request: Callable[[Frame], None] | None = None
@@ -122,16 +114,6 @@ class Pipeline:
         self.outputs = Outputs(settings.publish)
         self.readings = ReadingSelector(settings.intake.air_temperature)
         self.air = KnownAir(settings.air)
-
-    def _decoded(self) -> set[int]:
-        """Ids of the messages that are decoded: the measurements, and what is listened to."""
-        wanted = {
-            *convert.CONVERTERS,
-            *(RAW_IMU, SYSTEM_TIME, ALTITUDE, GLOBAL_POSITION_INT),
-            *self._thermometers,
-            *self._listeners,
-        }
-        return wanted | {PARAM_VALUE} if self.feedback.knob is not None else wanted
 
     @property
     def wanted(self) -> frozenset[int]:
@@ -149,8 +131,7 @@ class Pipeline:
 
     @property
     def heard_ourselves(self) -> bool:
-        """Whether the last packet was a frame with our own ids, as in a recording of an earlier
-        run."""
+        """Whether the last packet was a frame with our own ids, as in a recording of ours."""
         own = self.identity.own
         return any((frame.system_id, frame.component_id) == own for frame in self.frames)
 
@@ -203,8 +184,7 @@ class Pipeline:
         return self._take(self.decoder.flush(), arrival_us, None)
 
     def age(self, host_us: int) -> list[bytes]:
-        """Time passed on the host's clock: lose a height that has become old, send texts that are
-        due."""
+        """Time passed on the host's clock: lose a height that is old, send texts that are due."""
         identity = self.identity
         if self.health.age(host_us, lambda: ", ".join(identity.others(host_us - OTHERS_US))):
             self.announcements.health(self.health)
@@ -337,7 +317,7 @@ class Pipeline:
             self.feedback.restart()
             self.readings.restart()
             self.air.restart()
-            sent += self._sample(Kind.STATUS, 0, reboot)
+            sent += self._sample(Kind.STATUS, reboot)
         if time_us is None:
             return sent
         if reading.kind is Kind.IMU and not self._wants_imu:
@@ -345,20 +325,16 @@ class Pipeline:
         elif self.readings.is_replaced(reading, message_id, self.now_us):
             self.intake.counters[SampleReject.REPLACED] += 1
         else:
-            return sent + self._sample(
-                reading.kind, reading.instance, self.intake.row(reading, time_us, arrival_us)
-            )
+            row = self.intake.row(reading, time_us, arrival_us)
+            return sent + self._sample(reading.kind, row)
         return sent + self._react(used=False)
 
-    def _sample(self, kind: Kind, instance: int, row: Rows) -> list[bytes]:
+    def _sample(self, kind: Kind, row: Rows) -> list[bytes]:
+        """Give a sample to the estimator and its verdict to all who follow it."""
         if self.air.waits and kind is Kind.PRESSURE:
             self.air.waits = False
-            self._sample(Kind.AIR, 0, self.intake.air(self.air, row))
+            self._sample(Kind.AIR, self.intake.air(self.air, row))
         self.identity.measured(kind)
-        return self._step(kind, instance, row)
-
-    def _step(self, kind: Kind, instance: int, row: Rows) -> list[bytes]:
-        """Give a sample to the estimator and its verdict to all who follow it."""
         self.checker.sample(kind, row)
         verdict = self.filter.step(kind, row)
         self.verdicts[kind][verdict] += 1
@@ -370,8 +346,7 @@ class Pipeline:
         return self._react(used=verdict is Verdict.USED)
 
     def _react(self, *, used: bool) -> list[bytes]:
-        """What is due now that the vehicle's clock has moved: health, ALTITUDE if the estimate is
-        new, DEBUG."""
+        """What is due now that the vehicle's clock has moved: health, ALTITUDE, DEBUG."""
         now_us, estimate = self.now_us, self.filter.estimate
         messages: list[Message] = []
         changed = False
@@ -403,8 +378,7 @@ class Pipeline:
 
     def _restart_estimator(self) -> None:
         """Start the estimator anew. Observers see its samples only, as another would get them."""
-        row = restart_row(self.now_us, self.now_us)
-        self.filter.step(Kind.STATUS, row)
+        self.filter.step(Kind.STATUS, restart_row(self.now_us, self.now_us))
         self.air.restart()
         reason = f"estimator restarted, {self.health.reason}"
         logger.warning("%s (restart %d)", reason, self.checker.restarts)
@@ -416,14 +390,8 @@ class Pipeline:
         own, version = self.identity.own, self.identity.version
         if self.identity.vehicle is None:
             version = 2  # an autopilot that can speak MAVLink 2 may wait for it
-<<<<<<< HEAD
         if own not in self._encoders:
-            self._encoders[own] = Encoder(*own)
+            self._encoders[own] = Encoder(*own, self.signing)
         encoder = self._encoders[own]
-=======
-        encoder = self._encoders.get(own)
-        if encoder is None:
-            encoder = self._encoders[own] = Encoder(*own, self.signing)
->>>>>>> struct
         frames = (encoder.encode(message, version) for message in messages)
         return [frame for frame in frames if frame]

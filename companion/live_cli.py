@@ -6,7 +6,7 @@ import logging
 import math
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from companion.links import Link
     from companion.service import Service, Status
     from companion.settings import CompanionSettings
+    from companion.web.settings import HttpSettings
 
 RUN_EXAMPLES = """\b
 Examples:
@@ -34,6 +35,7 @@ Examples:
   A Pixhawk on a Raspberry Pi's UART:       kollsman run /dev/ttyAMA0:921600
   A Pixhawk on USB, recorded:               kollsman run /dev/ttyACM0 --record flights/
   Autopilot and ground station, no router:  kollsman run /dev/ttyAMA0:921600 --link udpout:192.168.1.20
+  With a page for a browser:                kollsman run udpin:0.0.0.0:14550 --http 127.0.0.1:8080
 """
 
 DOCTOR_EXAMPLES = """\b
@@ -76,6 +78,16 @@ def run(
             envvar="KOLLSMAN_RECORD",
         ),
     ] = None,
+    http: Annotated[
+        str | None,
+        typer.Option(
+            "--http",
+            help="Serve the live page, /metrics, /healthz and /api/state there, such as "
+            "127.0.0.1:8080; read-only. Default: not served.",
+            metavar="HOST:PORT",
+            envvar="KOLLSMAN_HTTP",
+        ),
+    ] = None,
     system_id: Annotated[
         int | None, typer.Option(min=1, max=255, help="Our system id; default: the vehicle's.")
     ] = None,
@@ -92,7 +104,7 @@ def run(
         set_up_logging(logging.getLogger().level, as_json=True)
     settings = resolve_settings(config, estimator, changes)
     say_if_compiling(settings.estimator)
-    settings = _with_options(settings, record, system_id, component_id)
+    settings = _with_options(settings, record, http, system_id, component_id)
 
     from companion.checkpoint import Checkpoint, fingerprint
     from companion.clock import SystemClock
@@ -108,6 +120,7 @@ def run(
         stack.callback(opened.close)
         path = settings.record.path
         recorder = stack.enter_context(Recording(path, settings.record)) if path else None
+        page = _live_page(settings.http, stack, output, as_json=as_json)
         warm_up(settings)
         keeper = Checkpoint(settings.checkpoint, [opened.url], fingerprint(settings))
         lines: StatusLine | None = None
@@ -122,13 +135,38 @@ def run(
             nonlocal lines
             lines = StatusLine(service, output, as_json=as_json)
             lines.ready(time.perf_counter() - started_s)
-            service.run(lambda: bool(stopped), lines.show)
+            service.run(lambda: bool(stopped), lines.show, page(service) if page else None)
 
         _drain(opened)
         serve(make, run_one, clock)
         stack.close()
         if lines is not None:
             lines.stopped(recorder)
+
+
+def _live_page(
+    settings: "HttpSettings", stack: ExitStack, output: Output, *, as_json: bool
+) -> "Callable[[Service], Callable[[], None]] | None":
+    """Serve the live page where the settings want one; what it gives returns what to call after each
+    turn of a service's loop."""
+    if settings.address is None:
+        return None
+    from companion.web.board import Board
+    from companion.web.server import WebServer
+    from companion.web.settings import read_address
+    from companion.web.snapshot import Snapshots
+
+    board, address = Board(), read_address(settings.address)
+    server = WebServer(address, board, settings.hosts)
+    stack.callback(server.close)
+    server.start()
+    if as_json:
+        head = {"time": timestamp(time.time()), "event": "http"}
+        output.line(json.dumps(head | {"url": server.url}))
+    else:
+        reach = "" if address.is_loopback else "; every machine that reaches this one can read it"
+        output.line(f"live page: {server.url}{reach}")
+    return lambda service: Snapshots(service, board).poll
 
 
 def _drain(link: "Link") -> None:
@@ -141,6 +179,7 @@ def _drain(link: "Link") -> None:
 def _with_options(
     settings: "CompanionSettings",
     record: str | None,
+    http: str | None,
     system_id: int | None,
     component_id: int | None,
 ) -> "CompanionSettings":
@@ -149,6 +188,8 @@ def _with_options(
     changes = {"identity": settings.identity.model_dump() | given}
     if record is not None:
         changes["record"] = settings.record.model_dump() | {"path": record}
+    if http is not None:
+        changes["http"] = settings.http.model_dump() | {"address": http}
     return settings.with_changes(**changes)
 
 

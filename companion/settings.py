@@ -19,6 +19,7 @@ from companion.mavlink.identity import AUTOPILOT_COMPONENT_ID, OUR_COMPONENT_ID
 from companion.mavlink.outputs import PublishSettings
 from companion.mavlink.streams import StreamSettings
 from companion.recording import RecordSettings
+from companion.web.settings import HttpSettings
 
 
 class VehicleSettings(Settings):
@@ -71,6 +72,7 @@ class CompanionSettings(Settings):
     feedback: FeedbackSettings = FeedbackSettings()
     record: RecordSettings = RecordSettings()
     checkpoint: CheckpointSettings = CheckpointSettings()
+    http: HttpSettings = HttpSettings()
     estimators: EstimatorSections = EstimatorSections()
 
     def section(self, estimator: str) -> Settings:

@@ -25,12 +25,12 @@ altitude, height and climb are positive upwards.
 
 Datums
 ------
-===========================  ==========================================================================
-``pressure_altitude_m``      what a standard-atmosphere altimeter set to 1013.25 hPa reads (geopotential)
+===========================  =======================================================================
+``pressure_altitude_m``      geopotential height in the standard atmosphere, 1013.25 hPa = 0
 ``altitude_amsl_m``          geometric height above mean sea level (the EGM96 geoid)
 ``altitude_ellipsoid_m``     geometric height above the WGS-84 ellipsoid
 ``height_above_home_m``      above HOME_POSITION
-===========================  ==========================================================================
+===========================  =======================================================================
 
 Names
 -----

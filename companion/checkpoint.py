@@ -227,7 +227,8 @@ class _Unpickler(pickle.Unpickler):
 
 
 def _boot_s() -> float:
-    """Seconds since the computer was started, asleep or not: steps of the wall clock do not count."""
+    """Seconds since the computer was started, asleep or not: steps of the wall clock do not
+    count."""
     return time.clock_gettime(getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
 
 

@@ -35,7 +35,8 @@ OUTPUT_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EBADF}
 
 app = typer.Typer(
     name="kollsman",
-    help="How high a MAVLink vehicle really is: barometer, GNSS and inertial sensors fused beside the autopilot.",
+    help="How high a MAVLink vehicle really is: barometer, GNSS and inertial sensors fused beside "
+    "the autopilot.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
@@ -45,7 +46,8 @@ app = typer.Typer(
 TUNE_EXAMPLES = """\b
 Examples:
   kollsman tune damping-loop flight.tlog
-  kollsman tune damping-loop flight.tlog --out gains.yaml && kollsman replay flight.tlog --config gains.yaml
+  kollsman tune damping-loop flight.tlog --out gains.yaml
+  kollsman replay flight.tlog --config gains.yaml
 """
 
 

@@ -28,13 +28,14 @@ from pydantic_core import ErrorDetails
 from companion.errors import ConfigError
 
 UNITS = {
-    "_m": "m", "_mps": "m/s", "_mps2": "m/s2", "_radps": "rad/s", "_rad": "rad", "_deg": "degrees", "_pa": "Pa",
-    "_hpa": "hPa", "_hpa_per_h": "hPa/h", "_k": "K", "_s": "s", "_us": "us", "_hz": "Hz", "_mb": "MB", "_m2": "m2",
-    "_m2ps": "m2/s", "_m2ps3": "m2/s3",
-    "_mps2_rthz": "m/s2/sqrt(Hz)", "_radps_rthz": "rad/s/sqrt(Hz)", "_rts": "1/sqrt(s)", "_m_rts": "m/sqrt(s)",
-    "_mps2_rts": "m/s2/sqrt(s)", "_radps_rts": "rad/s/sqrt(s)", "_h": "h", "_pa_per_k": "Pa/K", "_pa_per_g": "Pa/g",
-    "_m_per_h": "m/h", "_pa_per_s": "Pa/s", "_pa_rts": "Pa/sqrt(s)",
-    "_mps2_per_k": "m/s2/K", "_radps_per_k": "rad/s/K", "hpa_per_100km": "hPa/100 km",
+    "_m": "m", "_mps": "m/s", "_mps2": "m/s2", "_radps": "rad/s", "_rad": "rad", "_deg": "degrees",
+    "_pa": "Pa", "_hpa": "hPa", "_hpa_per_h": "hPa/h", "_k": "K", "_s": "s", "_us": "us",
+    "_hz": "Hz", "_mb": "MB", "_m2": "m2", "_m2ps": "m2/s", "_m2ps3": "m2/s3",
+    "_mps2_rthz": "m/s2/sqrt(Hz)", "_radps_rthz": "rad/s/sqrt(Hz)", "_rts": "1/sqrt(s)",
+    "_m_rts": "m/sqrt(s)", "_mps2_rts": "m/s2/sqrt(s)", "_radps_rts": "rad/s/sqrt(s)", "_h": "h",
+    "_pa_per_k": "Pa/K", "_pa_per_g": "Pa/g", "_m_per_h": "m/h", "_pa_per_s": "Pa/s",
+    "_pa_rts": "Pa/sqrt(s)", "_mps2_per_k": "m/s2/K", "_radps_per_k": "rad/s/K",
+    "hpa_per_100km": "hPa/100 km",
 }  # fmt: skip
 
 
@@ -297,7 +298,10 @@ def _explain(error: ErrorDetails, model: type[BaseModel]) -> str:
         context = {name: str(value).replace("'", "") for name, value in error["ctx"].items()}
         if "tag" not in context:
             return f"{key}.{context['discriminator']}: this key is required"
-        return f"{key}.{context['discriminator']}: no '{context['tag']}'; give one of {context['expected_tags']}"
+        return (
+            f"{key}.{context['discriminator']}: no '{context['tag']}'; give one of "
+            f"{context['expected_tags']}"
+        )
     if error["type"] == "invalid_key":
         return f"{key}: a key must be text"
     if error["type"] in {

@@ -1,4 +1,5 @@
-"""The command ``kollsman run``. What it prints goes through `output`, which never blocks or raises."""
+"""The command ``kollsman run``. What it prints goes through `output`, which never blocks or
+raises."""
 
 import dataclasses
 import json
@@ -34,8 +35,9 @@ Examples:
   ArduPilot SITL:                           kollsman run tcp:127.0.0.1:5762
   A Pixhawk on a Raspberry Pi's UART:       kollsman run /dev/ttyAMA0:921600
   A Pixhawk on USB, recorded:               kollsman run /dev/ttyACM0 --record flights/
-  Autopilot and ground station, no router:  kollsman run /dev/ttyAMA0:921600 --link udpout:192.168.1.20
-  With a page for a browser:                kollsman run udpin:0.0.0.0:14550 --http 127.0.0.1:8080
+  Autopilot and ground station, no router:
+    kollsman run /dev/ttyAMA0:921600 --link udpout:192.168.1.20
+  With a page for a browser:                kollsman run udpin:0.0.0.0:14550 --http 8080
 """
 
 DOCTOR_EXAMPLES = """\b

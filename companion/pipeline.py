@@ -496,8 +496,8 @@ class Pipeline:
         return self._encode([own_height])
 
     def _tell_source(self, source: Source) -> None:
-        """STATUSTEXT when ALTITUDE carries the vehicle's own height from now on; that it is ours again
-        is what the text about health says."""
+        """STATUSTEXT when ALTITUDE carries the vehicle's own height from now on; that it is ours
+        again is what the text about health says."""
         if source is self._source:
             return
         self._source = source

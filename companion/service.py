@@ -354,8 +354,8 @@ class Service:
         strangers = identity.counters[Origin.STRANGER]
         outdated = f", {self.outdated} outdated not sent" if self.outdated else ""
         return (
-            f"{decoder.frames} frames heard ({identity.counters[Origin.VEHICLE]} of the vehicle, {strangers} others), "
-            f"{self.sent_frames} sent ({self.published} ALTITUDE{outdated}), "
+            f"{decoder.frames} frames heard ({identity.counters[Origin.VEHICLE]} of the vehicle, "
+            f"{strangers} others), {self.sent_frames} sent ({self.published} ALTITUDE{outdated}), "
             f"bad input: {self.rejected() or 'none'}{links}"
         )
 

@@ -185,7 +185,8 @@ def test_compiled_code_depends_only_on_what_its_cache_is_named_after() -> None:
     }
     for path in compiled:
         if name_of(path).startswith("sim/"):
-            continue  # Numba itself watches the file, and what it uses of the companion is in the name
+            # Numba itself watches the file; what it uses of the companion is in the name.
+            continue
         tree = tree_of(path)
         imported, constants = imports_of(tree), _constants(tree)
         for step in _steps(tree):

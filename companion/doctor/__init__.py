@@ -67,8 +67,8 @@ def report(case: Case, findings: list[Finding]) -> Iterator[str]:
     hearing = case.hearing
     junk = {str(cause): count for cause, count in hearing.decoder.counters.items() if count}
     yield (
-        f"{hearing.url}: {hearing.statistics.received_bytes} bytes in {hearing.duration_s():.0f} s, "
-        f"{hearing.decoder.frames} MAVLink frames, bad input: {junk or 'none'}"
+        f"{hearing.url}: {hearing.statistics.received_bytes} bytes in {hearing.duration_s():.0f} "
+        f"s, {hearing.decoder.frames} MAVLink frames, bad input: {junk or 'none'}"
     )
     for (system, component), sender in sorted(hearing.senders.items()):
         beat = sender.heartbeat

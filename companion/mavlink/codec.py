@@ -3,7 +3,8 @@
 
 Resynchronisation
 -----------------
-Losing real frames and inventing frames are the two ways to be wrong after a damaged byte. What decides here:
+Losing real frames and inventing frames are the two ways to be wrong after a damaged byte. What
+decides here:
 
 - A frame whose checksum is right is a frame.
 - A frame of another dialect (see `framing`) with a start byte or nothing behind it is skipped by
@@ -82,7 +83,8 @@ class Decoder:
         return self._cut(self._rest + data, final=self._datagrams)
 
     def flush(self) -> list[Frame]:
-        """Give up waiting for the rest of what was kept, and return the frames that this sets free."""
+        """Give up waiting for the rest of what was kept, and return the frames that this sets
+        free."""
         return self._cut(self._rest, final=True)
 
     def decode(self, frame: Frame) -> Message | None:

@@ -44,7 +44,8 @@ CRC_EXTRA: dict[int, int] = {number: kind.crc_extra for number, kind in mavlink.
 V1_LENGTHS: dict[int, range] = {
     number: _v1_lengths(kind) for number, kind in mavlink.mavlink_map.items()
 }
-"""Payload lengths by message id. They must fit, or MAVLink 1 finds a frame in every 2 MB of noise."""
+"""Payload lengths by message id. They must fit, or MAVLink 1 finds a frame in every 2 MB of
+noise."""
 
 
 class Frame(NamedTuple):

@@ -5,17 +5,18 @@ ignores GLOBAL_POSITION_INT, so that its display freezes when ALTITUDE stops. So
 may not be sent, at the start and in LOST, the vehicle's own height is sent on in ALTITUDE
 (`Outputs.own_height`), equal to GLOBAL_POSITION_INT to the millimetre. The fields:
 
-====================  ==========================================================================================
-altitude_monotonic    standard-atmosphere height above the first accepted pressure; joined without a step across a
-                      reboot or a change of barometer; NaN while there is no barometer
+====================  ==============================================================================
+altitude_monotonic    standard-atmosphere height above the first accepted pressure; joined without a
+                      step across a reboot or a change of barometer; NaN without a barometer
 altitude_amsl         the fused altitude, or the vehicle's own
 altitude_local        altitude_amsl minus its value in the first ALTITUDE since boot
-altitude_relative     the estimator's height above take-off; where it has none the vehicle's own relative height,
-                      else altitude_amsl above HOME_POSITION, else above where it was armed, else NaN
+altitude_relative     the estimator's height above take-off; where it has none the vehicle's own
+                      relative height, else altitude_amsl above HOME_POSITION, else above where
+                      it was armed, else NaN
 altitude_terrain,     from a fresh downward range finder, corrected for tilt, else NaN
 bottom_clearance
 time_usec             vehicle boot time of the estimate, or of the vehicle's own height
-====================  ==========================================================================================
+====================  ==============================================================================
 
 An altitude that leaps further than a vehicle can is withheld until it comes back or has stayed
 there for two seconds.
@@ -228,7 +229,8 @@ class Outputs:
         return self._of_vehicle(own, now_us)
 
     def last_height(self, now_us: int) -> Message | None:
-        """ALTITUDE with the vehicle's own heights, for the end of a run; None when these are old."""
+        """ALTITUDE with the vehicle's own heights, for the end of a run; None when these are
+        old."""
         own = self._own
         if own is None or abs(now_us - own.time_us) > OWN_HEIGHT_US or not self._may_send(now_us):
             return None
@@ -338,7 +340,8 @@ class Outputs:
 
 
 def heartbeat(health: Health) -> Message:
-    """Our own HEARTBEAT: an onboard controller, no autopilot; CRITICAL while the altitude is lost."""
+    """Our own HEARTBEAT: an onboard controller, no autopilot; CRITICAL while the altitude is
+    lost."""
     return mavlink.MAVLink_heartbeat_message(
         mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
         mavlink.MAV_AUTOPILOT_INVALID,

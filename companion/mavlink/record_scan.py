@@ -1,9 +1,9 @@
 """Compiled scan of a telemetry log's records, and compiled copying of their payloads.
 
-A record is a 64-bit time, big-endian by rule, and one MAVLink frame. `scan_records` follows records that are
-whole, known and undamaged, and stops at the first that is not: what to do there is decided by
-`companion.logs.tlog`, in Python, once for every damaged place. The rules for a frame are those of
-`companion.mavlink.framing.scan`; a test holds the two equal.
+A record is a 64-bit time, big-endian by rule, and one MAVLink frame. `scan_records` follows records
+that are whole, known and undamaged, and stops at the first that is not: what to do there is decided
+by `companion.logs.tlog`, in Python, once for every damaged place. The rules for a frame are those
+of `companion.mavlink.framing.scan`; a test holds the two equal.
 """
 
 import numpy as np
@@ -122,7 +122,8 @@ def scan_records(
 
 @step
 def gather(data: Rows, starts: Rows, lengths: Rows, table: Rows) -> None:
-    """Copy pieces of `data` (uint8, shape (n,)) into the rows of `table` (uint8, shape (rows, width)).
+    """Copy pieces of `data` (uint8, shape (n,)) into the rows of `table` (uint8, shape (rows,
+    width)).
 
     Row i gets ``data[starts[i]:starts[i] + lengths[i]]``: cut at the width, zeros behind it.
     """

@@ -23,7 +23,8 @@ RATES_HZ = (50.0, 40.0, 25.0, 20.0, 10.0, 5.0, 2.0, 1.0)
 
 
 class StreamSettings(Settings):
-    """Section ``streams``: message rates requested from the vehicle; a rate of 0 requests nothing."""
+    """Section ``streams``: message rates requested from the vehicle; a rate of 0 requests
+    nothing."""
 
     request: bool = True
     """request messages with SET_MESSAGE_INTERVAL, watch the rates that arrive, request again when
@@ -43,7 +44,8 @@ class StreamSettings(Settings):
     attitude_hz: float = Field(10.0, ge=0, le=200)
     """rate of ATTITUDE"""
     position_hz: float = Field(5.0, ge=0, le=50)
-    """rate of GLOBAL_POSITION_INT, the vehicle's own height, sent on in ALTITUDE while ours is LOST"""
+    """rate of GLOBAL_POSITION_INT, the vehicle's own height, sent on in ALTITUDE while ours is
+    LOST"""
     range_hz: float = Field(10.0, ge=0, le=50)
     """rate of DISTANCE_SENSOR"""
     spare_hz: float = Field(10.0, ge=0, le=50)

@@ -6,8 +6,8 @@ simulation at twenty times real time counts the same. What happens next:
 
 =============================  =====================================================================
 a rate falls short             requested again at once
-it stays short three times     accepted and reported; requested again after 10 s, after a minute where
-                               something arrives, then ever less often
+it stays short three times     accepted and reported; requested again after 10 s, after a minute
+                               where something arrives, then ever less often
 DENIED                         requested at 40, 25, 10 Hz (a 50 Hz ArduPlane grants at most 40 Hz)
 unsupported or no answer       REQUEST_DATA_STREAM, where the vehicle does not save it
 lowered again and again        reported with the ids of who does it; we pause for 30 s, then longer

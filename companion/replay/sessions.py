@@ -153,7 +153,8 @@ class _Splitter(Generic[Seen]):
         self._renew()
 
     def goes_on(self, boot_us: int | None) -> bool:
-        """Whether the vehicle's clock explains a step of the stamps: it went on as if nothing was."""
+        """Whether the vehicle's clock explains a step of the stamps: it went on as if nothing
+        was."""
         now_us = self.pipeline.now_us
         return boot_us is None or now_us < 0 or abs(boot_us - now_us) <= SAME_BOOT_US
 
@@ -207,8 +208,8 @@ def sessions_of(
         told = "; ".join(first.pipeline.identity.notes) or "no vehicle"
         heard = f"vehicle {latched[0]}/{latched[1]}" if latched else told
         raise LogFormatError(
-            f"{getattr(reader, 'path', 'the log')}: nothing usable in it: {heard}, no barometer and "
-            "no GNSS height"
+            f"{getattr(reader, 'path', 'the log')}: nothing usable in it: {heard}, no barometer "
+            "and no GNSS height"
         )
     return found
 

@@ -1,4 +1,5 @@
-"""Paper H's filter against other roads to the same numbers, and its claims against random numbers."""
+"""Paper H's filter against other roads to the same numbers, and its claims against random
+numbers."""
 
 import math
 import time

@@ -222,10 +222,11 @@ def reproduce(seeds: int, out: Path, progress: Progress) -> Page:
         progress(0.9 * done / seeds, "Monte Carlo")
     page = Page("H", seeds, out)
     page.text(
-        "A descent from 10.9 km to 123 m in 1538 steps. The barometer (white, 9 m) and GPS (white, 13 m) are fused "
-        "with a fixed gain and with one that adapts to their disagreement; then the sea-level pressure and temperature "
-        "of the air drift away from the standard that the barometer assumes. Each pair of heights goes through the "
-        "estimator as a pressure and a fix, as live samples do."
+        "A descent from 10.9 km to 123 m in 1538 steps. The barometer (white, 9 m) and GPS "
+        "(white, 13 m) are fused with a fixed gain and with one that adapts to their "
+        "disagreement; then the sea-level pressure and temperature of the air drift away from the "
+        "standard that the barometer assumes. Each pair of heights goes through the estimator as "
+        "a pressure and a fix, as live samples do."
     )
     page.table("The descent (section 5)", _descent_rows())
     page.table("Without drift (Figs. 2-5)", _nominal_rows(nominal))
@@ -301,12 +302,14 @@ def _nominal_rows(nominal: Tally) -> list[Row]:
             f"{100 * spread(nominal.fired).mean:.1f} % of the steps",
         ),
         holds(
-            "S is a factor on a variance, never negative: share of steps with S < 0, (31) as printed",
+            "S is a factor on a variance, never negative: share of steps with S < 0, (31) as "
+            "printed",
             at_most(spread(nominal.negative).mean, 0.0),
             spread(nominal.negative),
             printed=0.0,
             where="(31)",
-            note="without the condition (28), S is negative whenever the sensors agree within 13 m; K has a pole at a "
+            note="without the condition (28), S is negative whenever the sensors agree within 13 "
+            "m; K has a pole at a "
             "residual of 0. S = max(1, .) is meant",
         ),
     ]
@@ -353,7 +356,8 @@ def _drift_rows(drift: Tally, example: Run) -> list[Row]:
         holds(
             "its error variance is below that of GPS",
             below(adaptive.mean**2, gnss.mean**2),
-            f"mean square {spread(np.square(drift.rmse['adaptive_m']))}, GPS {spread(np.square(drift.rmse['gnss_m']))}",
+            f"mean square {spread(np.square(drift.rmse['adaptive_m']))}, GPS "
+            f"{spread(np.square(drift.rmse['gnss_m']))}",
             unit="m²",
             where="Table 1, (21)",
             note="P is below R_GPS by construction; it is not the variance of the error",
@@ -409,9 +413,10 @@ def _property_rows() -> list[Row]:
 
 def _add_true_error(page: Page, drift: Tally) -> None:
     page.text(
-        "When (28) fires, the estimate is exactly h_GPS - R_GPS / residual: GPS height, pushed away from the "
-        "barometer. With a barometer error b its mean square error is R_GPS + 3 R_GPS^2 / b^2 to second order, above "
-        "that of GPS alone (169 m²) at every drift, while P stays below."
+        "When (28) fires, the estimate is exactly h_GPS - R_GPS / residual: GPS height, pushed "
+        "away from the barometer. With a barometer error b its mean square error is R_GPS + 3 "
+        "R_GPS^2 / b^2 to second order, above that of GPS alone (169 m²) at every drift, while P "
+        "stays below."
     )
     mean_square = drift.mean_square_m2("adaptive_m")
     rows: list[list[Value]] = []
@@ -450,7 +455,10 @@ def _draw_descent(page: Page) -> None:
 
 def _draw_nominal(page: Page, run: Run) -> None:
     k = np.arange(1, PRESSURE_KPA.size + 1)
-    caption = "Absolute errors of one run without drift (the paper's Figs. 2-4), and its normalised residual (Fig. 5)."
+    caption = (
+        "Absolute errors of one run without drift (the paper's Figs. 2-4), and its "
+        "normalised residual (Fig. 5)."
+    )
     with page.figure("no-drift", caption, rows=2, columns=2, panel_in=2.1, sharex=True) as axes:
         panels = (
             ("barometer", run.baro_m, BARO),
@@ -467,7 +475,10 @@ def _draw_nominal(page: Page, run: Run) -> None:
 
 def _draw_drift(page: Page, run: Run) -> None:
     k = np.arange(1, PRESSURE_KPA.size + 1)
-    caption = "One run under drift: adaptive against fixed (Fig. 9), normalised residual (Fig. 7), adaptive factor (Fig. 10)."  # noqa: E501
+    caption = (
+        "One run under drift: adaptive against fixed (Fig. 9), normalised residual (Fig. "
+        "7), adaptive factor (Fig. 10)."
+    )
     with page.figure("drift", caption, rows=3, panel_in=1.9, sharex=True) as axes:
         axes[0].plot(k, np.abs(run.baro_m), color=BARO, linewidth=0.5, label="barometer")
         axes[0].plot(k, np.abs(run.fixed_m), color=OTHER, linewidth=0.5, label="fixed filter")
@@ -482,7 +493,10 @@ def _draw_drift(page: Page, run: Run) -> None:
 
 
 def _draw_rms(page: Page, drift: Tally) -> None:
-    caption = "RMS error over the seeds under drift, and what P claims. The adaptive filter is never better than GPS alone."  # noqa: E501
+    caption = (
+        "RMS error over the seeds under drift, and what P claims. The adaptive filter is "
+        "never better than GPS alone."
+    )
     with page.figure("rms", caption) as (panel,):
         k = np.arange(1, PRESSURE_KPA.size + 1)
         for name, label, colour in (

@@ -334,11 +334,13 @@ def reproduce(seeds: int, out: Path, progress: Progress) -> Page:
     progress(0.8, "page")
     page = Page("W", seeds, out)
     page.text(
-        "Barometer height and air temperature every 0.2 s (5 m, 1.5 K), GPS height every second (70 m), a lapse rate "
-        "that changes by 3 K/km every ten seconds, two climbs to 180 m in five minutes. The paper draws its trajectory "
-        "but does not say what moves the air, so there are three readings: weather (a ground temperature 5-15 K off, "
-        "1-3 hPa an hour, a start within 0.5 hPa), and random walks of a and b with the filter's Q taken per second "
-        "or per step. Root mean squares count from one minute on; samples go through the loop that replays logs."
+        "Barometer height and air temperature every 0.2 s (5 m, 1.5 K), GPS height every second "
+        "(70 m), a lapse rate that changes by 3 K/km every ten seconds, two climbs to 180 m in "
+        "five minutes. The paper draws its trajectory but does not say what moves the air, so "
+        "there are three readings: weather (a ground temperature 5-15 K off, 1-3 hPa an hour, a "
+        "start within 0.5 hPa), and random walks of a and b with the filter's Q taken per second "
+        "or per step. Root mean squares count from one minute on; samples go through the loop "
+        "that replays logs."
     )
     page.table("The equations as printed", _equation_rows())
     _draw_temperature(page)
@@ -364,22 +366,30 @@ def _equation_rows() -> list[Row]:
     bias_m = R_AIR * T0_K / G0_MPS2 * 100.0 / P0_PA
     low_m = float(baro_height_m(1.0 + 100.0 / P0_PA))
     return [
-        compare("height at 0.9 P_0", printed_height_m, float(baro_height_m(0.9)), 0.5, unit="m", where="(1)",
+        compare("height at 0.9 P_0", printed_height_m, float(baro_height_m(0.9)), 0.5, unit="m",
+                where="(1)",
                 note="the gas constant is missing in the exponent"),
-        compare("b when the ground pressure is 1 hPa higher", bias_m, low_m, 0.1, unit="m", where="(4)",
+        compare("b when the ground pressure is 1 hPa higher", bias_m, low_m, 0.1, unit="m",
+                where="(4)",
                 note="higher pressure reads lower"),
-        compare("corrected height at 1600 m, air 15 K warmer, error", 0.0, temperature_alone_m("printed", 15.0),
-                5.0, unit="m", where="(3), (6)", note="as printed, temperature doubles the error it should remove"),
-        compare("the same with lambda negative", 0.0, temperature_alone_m("linear", 15.0), 5.0, unit="m", where="(6)",
+        compare("corrected height at 1600 m, air 15 K warmer, error", 0.0,
+                temperature_alone_m("printed", 15.0),
+                5.0, unit="m", where="(3), (6)",
+                note="as printed, temperature doubles the error it should remove"),
+        compare("the same with lambda negative", 0.0, temperature_alone_m("linear", 15.0), 5.0,
+                unit="m", where="(6)",
                 reading="with a minus"),
-        compare("the same with T_0/T_0' - 1", 0.0, temperature_alone_m("exact", 15.0), 0.1, unit="m",
+        compare("the same with T_0/T_0' - 1", 0.0, temperature_alone_m("exact", 15.0), 0.1,
+                unit="m",
                 reading="with a minus and not linearised"),
-        compare("sd of lambda at H_0", math.sqrt(TEMPERATURE_SD_K**2 / T0_K), TEMPERATURE_SD_K / T0_K, 1e-4,
+        compare("sd of lambda at H_0", math.sqrt(TEMPERATURE_SD_K**2 / T0_K),
+                TEMPERATURE_SD_K / T0_K, 1e-4,
                 where="(7)", note="the denominator must be T_0 squared"),
         holds("the z-update is the exact posterior of a and b",
               at_most(update_difference(np.random.default_rng(1)), 1e-9),
               f"differs by {update_difference(np.random.default_rng(1)):.0e}", where="(23)-(31)",
-              note="it is a Kalman correction of [a, b] that forgets the correlation of the two; this one does not "
+              note="it is a Kalman correction of [a, b] that forgets the correlation of the two; "
+                  "this one does not "
               "divide by the height"),
     ]  # fmt: skip
 
@@ -417,25 +427,30 @@ def _claim_rows(found: dict[str, Figures], sparse: dict[str, Figures]) -> list[R
         holds("errors are held under the level of GPS",
               below(max(final.values()), GPS_SD_M), f"{words} (GPS 70)", unit="m",
               where="sec. 3"),
-        holds("filtering improves the compensated height", smoothed, f"final {words}", unit="m", where="sec. 2.4"),
-        holds("accurate height, where a barometer alone has large errors: weather", below(weather.mean, raw.mean),
+        holds("filtering improves the compensated height", smoothed, f"final {words}", unit="m",
+              where="sec. 2.4"),
+        holds("accurate height, where a barometer alone has large errors: weather",
+              below(weather.mean, raw.mean),
               f"{weather}, barometer {raw}", unit="m", where="abstract, sec. 4",
               note="under weather the correction is noisier than what it corrects"),
         holds("the same, a and b the random walks of Q",
-              both(*(below(final[reading], found[reading].total("barometer")) for reading in READINGS[1:])),
+              both(*(below(final[reading], found[reading].total("barometer"))
+                     for reading in READINGS[1:])),
               words, unit="m", where="sec. 3", reading="45 m in a second"),
         holds("fair accuracy when GPS is rare", below(rare["60 s"], 1.2 * rare["1 s"]),
-              ", ".join(f"every {name}: {value:.1f}" for name, value in rare.items()), unit="m", where="sec. 2.1",
-              note="with this Q the bias is forgotten within seconds, and each rare fix is taken almost as it is"),
+              ", ".join(f"every {name}: {value:.1f}" for name, value in rare.items()), unit="m",
+              where="sec. 2.1",
+              note="with this Q the bias is forgotten within seconds, and each rare fix is taken "
+                  "almost as it is"),
     ]  # fmt: skip
 
 
 def _add_remedies(page: Page, found: dict[str, Figures], sparse: dict[str, Figures]) -> None:
     page.text(
-        "The structure is sound: for a constant lapse rate the error of a barometer is exactly affine in height. What "
-        "spoils it is Q, which lets b move by 20 m in 0.2 s. *slow walks* changes nothing but Q^a = 1e-9 and "
-        "Q^b = 0.01 a step and keeps the correlation of a and b; *tuned* is our preset with the noise of this "
-        "simulation."
+        "The structure is sound: for a constant lapse rate the error of a barometer is exactly "
+        "affine in height. What spoils it is Q, which lets b move by 20 m in 0.2 s. *slow walks* "
+        "changes nothing but Q^a = 1e-9 and Q^b = 0.01 a step and keeps the correlation of a and "
+        "b; *tuned* is our preset with the noise of this simulation."
     )
     names = {
         "barometer": "raw barometer",
@@ -456,9 +471,10 @@ def _add_remedies(page: Page, found: dict[str, Figures], sparse: dict[str, Figur
         spread(normalised_errors(covariance, page.seeds)) for covariance in ("marginal", "joint")
     )
     page.text(
-        "Do P^a and P^b tell the error of a and b? Between 1 and 2 km, without a thermometer, with walks that are "
-        f"exactly the filter's model, the normalised error squared of [a, b] should average 2. It is {marginal} when "
-        f"the correlation is forgotten after each fix, as in the paper, and {joint} when it is kept."
+        "Do P^a and P^b tell the error of a and b? Between 1 and 2 km, without a thermometer, "
+        "with walks that are exactly the filter's model, the normalised error squared of [a, b] "
+        f"should average 2. It is {marginal} when the correlation is forgotten after each fix, as "
+        f"in the paper, and {joint} when it is kept."
     )
 
 
@@ -471,18 +487,23 @@ def _add_live(page: Page) -> None:
     end, parked = (float(np.interp(at_s, *with_probe.curve)) for at_s in (1e9, PARKED_S))
     blind = float(np.interp(PARKED_S, *without.curve))
     page.text(
-        "Live, HYGROMETER_SENSOR carries the air temperature (once a second); SCALED_PRESSURE.temperature_press_diff "
-        "and HIGHRES_IMU.temperature are used where `intake.air_temperature` says so, and `air.temperature_c` or a "
-        "METAR tell it once. The simulated vehicle sends a probe's reading with its errors (`sensors.thermometer`)."
+        "Live, HYGROMETER_SENSOR carries the air temperature (once a second); "
+        "SCALED_PRESSURE.temperature_press_diff and HIGHRES_IMU.temperature are used where "
+        "`intake.air_temperature` says so, and `air.temperature_c` or a METAR tell it once. The "
+        "simulated vehicle sends a probe's reading with its errors (`sensors.thermometer`)."
     )
     page.table(
-        f"A simulated flight in air {air_temperature.WARMER_K:g} K warmer than standard, through the pipeline",
+        f"A simulated flight in air {air_temperature.WARMER_K:g} K warmer than standard, through "
+        "the pipeline",
         [
-            *(compare(f"scale factor a {when}", air_temperature.TRUE_SCALE, value, 0.005, where=where, note=note)
+            *(compare(f"scale factor a {when}", air_temperature.TRUE_SCALE, value, 0.005,
+                      where=where, note=note)
               for when, value, where, note in (
-                  ("at the end, with the probe", end, "(6), (20)-(22)", f"{with_probe.temperatures} temperatures used"),
+                  ("at the end, with the probe", end, "(6), (20)-(22)",
+                   f"{with_probe.temperatures} temperatures used"),
                   (f"after {PARKED_S:g} s at rest, with the probe", parked, "(6), (20)-(22)", ""),
-                  (f"after {PARKED_S:g} s at rest, without", blind, "(23)-(31)", "GNSS alone needs a climb"))),
+                  (f"after {PARKED_S:g} s at rest, without", blind, "(23)-(31)",
+                   "GNSS alone needs a climb"))),
         ],
     )  # fmt: skip
     with page.figure("live", "Scale factor on the simulated flight, live.") as (axes,):
@@ -498,7 +519,10 @@ def _add_live(page: Page) -> None:
 
 def _draw_temperature(page: Page) -> None:
     warmer = np.arange(-30.0, 31.0, 5.0)
-    caption = "Height error at 1600 m against the air's temperature: barometer alone, lambda as printed, and corrected."
+    caption = (
+        "Height error at 1600 m against the air's temperature: barometer alone, lambda as "
+        "printed, and corrected."
+    )
     with page.figure("temperature", caption) as (axes,):
         ratio = pressure_ratio(1600.0, T0_K + warmer, L0_KPM)
         axes.plot(warmer, baro_height_m(ratio) - 1600.0, color=BARO, label="barometer")
@@ -519,7 +543,10 @@ def _draw_temperature(page: Page) -> None:
 
 
 def _draw_curves(page: Page, found: dict[str, Figures]) -> None:
-    caption = "RMS error over the seeds (the paper's Fig. 3) under three readings of what moves the air; our trajectory."  # noqa: E501
+    caption = (
+        "RMS error over the seeds (the paper's Fig. 3) under three readings of what moves "
+        "the air; our trajectory."
+    )
     with page.figure("rms", caption, rows=4, sharex=True, panel_in=1.9) as axes:
         axes[0].plot(TIME_S, HEIGHT_M, color=TRUTH, label="true height")
         axes[0].set(title="height (m)")

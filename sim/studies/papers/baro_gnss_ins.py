@@ -80,10 +80,11 @@ def reproduce(seeds: int, out: Path, progress: Progress) -> Page:
     """The page of paper R."""
     page = Page("R", seeds, out)
     page.text(
-        "A technical note without a simulation of its own: formulas for pressure altitude, a rejection of spikes, and "
-        "the barometer as a measurement of a GNSS/INS extended Kalman filter, with a bias and a scale factor. The "
-        "formulas are held against the standard atmosphere, the rest is tried on flights made for it. Receiver clock "
-        "bias and drift, two of the note's twenty states, need pseudoranges and are absent from ours."
+        "A technical note without a simulation of its own: formulas for pressure altitude, a "
+        "rejection of spikes, and the barometer as a measurement of a GNSS/INS extended Kalman "
+        "filter, with a bias and a scale factor. The formulas are held against the standard "
+        "atmosphere, the rest is tried on flights made for it. Receiver clock bias and drift, two "
+        "of the note's twenty states, need pseudoranges and are absent from ours."
     )
     page.table("Pressure, density, altitude (sections II to IV)", _altitude_rows())
     page.table("The cubic (12) against the standard atmosphere", _cubic_rows())
@@ -191,7 +192,10 @@ def _cubic_rows() -> list[Row]:
     ]
     cubic = (cubic_altitude_m(P0_PA + 1.0) - cubic_altitude_m(P0_PA - 1.0)) / 2.0
     closed = (pressure_altitude_m(P0_PA + 1.0) - pressure_altitude_m(P0_PA - 1.0)) / 2.0
-    note = f"{100 * (cubic / closed - 1):.0f} % too steep: a climb of 5 m/s shows as {5 * cubic / closed:.1f}"
+    note = (
+        f"{100 * (cubic / closed - 1):.0f} % too steep: a climb of 5 m/s shows as "
+        f"{5 * cubic / closed:.1f}"
+    )
     return [
         *rows,
         compare("dh/dp at sea level", closed, cubic, 0.001, unit="m/Pa", where="(12)", note=note),
@@ -378,7 +382,8 @@ def _gate_rows(descents: list[Descents]) -> list[Row]:
             spikes,
             unit="%",
             where="sec. IV",
-            note=f"spikes of {SPIKE_PA + 5:.0f} Pa, of {SPIKE_PA * 11:.0f} Pa at 1 Hz, where a manoeuvre makes 120",
+            note=f"spikes of {SPIKE_PA + 5:.0f} Pa, of {SPIKE_PA * 11:.0f} Pa at 1 Hz, where a "
+            "manoeuvre makes 120",
         ),
     ]
 
@@ -449,7 +454,8 @@ ERRORS_OF_16 = (2, 5, 15, 16)
 def baro_row(dt_b: float) -> tuple[Array, Array]:
     """The estimator's row (16), and the derivative of its residual (15), for dP_d, dv_d, b, s.
 
-    The row is read from the correction that a tiny variance of one error alone causes: dx = P H z / R.
+    The row is read from the correction that a tiny variance of one error alone causes: dx = P H z /
+    R.
     """
     pressure_pa = standard_pressure_pa(480.0)
 
@@ -518,7 +524,8 @@ def _state_rows(level: Profile, climb: Profile) -> list[Row]:
             N,
             0,
             where="(14)",
-            note="errors of ours: three of attitude for four of the quaternion, and no receiver clock (two), which "
+            note="errors of ours: three of attitude for four of the quaternion, and no receiver "
+            "clock (two), which "
             "needs pseudoranges",
         ),
         holds(
@@ -527,14 +534,16 @@ def _state_rows(level: Profile, climb: Profile) -> list[Row]:
             ", ".join(f"{value:.3g}" for value in numeric),
             printed=", ".join(f"{value:.3g}" for value in row),
             where="(15), (16)",
-            note="by dP_d, dv_d, b, s, of the estimator; the row holds 480.5 m in the place of h_p, 480 m",
+            note="by dP_d, dv_d, b, s, of the estimator; the row holds 480.5 m in the place of "
+            "h_p, 480 m",
         ),
         holds(
             "h_m in (16), the altitude that is measured, leaves s alone",
             at_most(abs(driven.mean), 0.01),
             driven,
             where="(16)",
-            note=f"true 0: 5 m of noise, 10 Hz, ten minutes at 500 m; with an altitude without that noise {fixed}",
+            note="true 0: 5 m of noise, 10 Hz, ten minutes at 500 m; with an altitude without "
+            f"that noise {fixed}",
         ),
         compare(
             "b in level flight",
@@ -543,7 +552,8 @@ def _state_rows(level: Profile, climb: Profile) -> list[Row]:
             1.0,
             unit="m",
             where="(14)",
-            note=f"the rows (16) have rank {level.rank}: only b + s h_p is seen; the filter says ± {level.sd[0]:.0f} m",
+            note=f"the rows (16) have rank {level.rank}: only b + s h_p is seen; the filter says "
+            f"± {level.sd[0]:.0f} m",
         ),
         compare(
             "b + s h_p in level flight",
@@ -580,9 +590,10 @@ def _state_rows(level: Profile, climb: Profile) -> list[Row]:
 
 def _draw_states(page: Page, level: Profile, climb: Profile) -> None:
     caption = (
-        "Bias and scale factor found by the filter, one point a seed (true 25 m and 0.03). In level flight only "
-        "b + s h_p is seen (dashed: equal sums), and the points scatter along the gain of the priors (dotted), across "
-        "the dashed line; after a climb they gather at one point."
+        "Bias and scale factor found by the filter, one point a seed (true 25 m and 0.03). In "
+        "level flight only b + s h_p is seen (dashed: equal sums), and the points scatter along "
+        "the gain of the priors (dotted), across the dashed line; after a climb they gather at "
+        "one point."
     )
     with page.figure("states", caption, columns=2) as axes:
         for panel, profile, name in (
@@ -681,7 +692,8 @@ class Outage:
         self.runs = 0
 
     def fly(self, generator: np.random.Generator, weather_mps: float = 0.0) -> None:
-        """One draw of all sensor errors through both logs; the barometer drifts with the weather."""
+        """One draw of all sensor errors through both logs; the barometer drifts with the
+        weather."""
         self.runs += 1
         imu_s = np.arange(FLIGHT_S * IMU_HZ) / IMU_HZ
         force, rate = self._inertial(
@@ -767,7 +779,8 @@ def _outage_rows(outage: Outage) -> list[Row]:
             printed="unstable",
             unit="1/s",
             where="sec. VI",
-            note=f"of the estimator's error model: gravity falls with height, e-fold in {1.0 / pole:.0f} s",
+            note="of the estimator's error model: gravity falls with height, e-fold in "
+            f"{1.0 / pole:.0f} s",
         ),
         holds(
             "the barometer stabilises it: largest error in the outage",
@@ -775,10 +788,12 @@ def _outage_rows(outage: Outage) -> list[Row]:
             f"{with_baro}, without it {without}",
             unit="m",
             where="sec. VI",
-            note="with it ours stops integrating after a minute without GNSS velocity; without it, it must go on",
+            note="with it ours stops integrating after a minute without GNSS velocity; without "
+            "it, it must go on",
         ),
         holds(
-            "used continuously, it also helps beside GNSS (RMS before the outage, from truth plus slow GNSS error)",
+            "used continuously, it also helps beside GNSS (RMS before the outage, from truth plus "
+            "slow GNSS error)",
             below(good.mean, bare.mean),
             f"{good}, without it {bare}",
             unit="m",
@@ -794,7 +809,8 @@ def _drift_rows(drifting: dict[float, Outage]) -> list[Row]:
     for hpa_per_h, outage in drifting.items():
         nees, worst = spread(outage.share["with"]), spread(outage.worst_m["with"])
         row = holds(
-            f"the spread reported in the outage is honest, weather {hpa_per_h:g} hPa/h: error squared over variance",
+            f"the spread reported in the outage is honest, weather {hpa_per_h:g} hPa/h: error "
+            "squared over variance",
             below(nees.mean, 2.0),
             nees,
             note=f"1 is exact, less is cautious; largest error {worst} m",

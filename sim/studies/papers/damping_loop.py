@@ -298,11 +298,12 @@ def reproduce(seeds: int, out: Path, progress: Progress) -> Page:
     )
     progress(0.7, "genetic searches")
     page.text(
-        "The paper's results are figures of a drive that is not published; what it prints are formulas, a schedule and "
-        "three gains. Its claims are tried on a mountain road of our own: 1350 m to about 1950 m in five minutes, 15 K "
-        "and -8 hPa off the standard at sea level; an accelerometer at 20 Hz (0.2 m/s2 bias, 0.1 m/s2 / 60 s "
-        "Gauss-Markov, 0.1 m/s2 white), a barometer at 10 Hz (0.3 m white, 1 m / 60 s), GPS velocity at 1 Hz "
-        "(0.1 m/s). All of these are our assumptions."
+        "The paper's results are figures of a drive that is not published; what it prints are "
+        "formulas, a schedule and three gains. Its claims are tried on a mountain road of our "
+        "own: 1350 m to about 1950 m in five minutes, 15 K and -8 hPa off the standard at sea "
+        "level; an accelerometer at 20 Hz (0.2 m/s2 bias, 0.1 m/s2 / 60 s Gauss-Markov, 0.1 m/s2 "
+        "white), a barometer at 10 Hz (0.3 m white, 1 m / 60 s), GPS velocity at 1 Hz (0.1 m/s). "
+        "All of these are our assumptions."
     )
     _atmosphere(page, drives)
     _loop(page, tuned.best)
@@ -323,11 +324,14 @@ def _atmosphere(page: Page, drives: list[Drive]) -> None:
                       printed_altitude_m(84_500.0, lapse), 1.0, unit="m", where="(1)",
                       note="the standard atmosphere's in the column of the print")
               for lapse in (LAPSE_KPM, -LAPSE_KPM)),
-            compare("correction on an exactly standard day at 1350 m", 0.0, circular_m[0], 5.0, unit="m", where="(5)",
-                    note=f"the H_p in it is what it is to correct; with 1.225 kg/m3 {circular_m[1]:+.1f} m"),
+            compare("correction on an exactly standard day at 1350 m", 0.0, circular_m[0], 5.0,
+                    unit="m", where="(5)",
+                    note="the H_p in it is what it is to correct; with 1.225 kg/m3 "
+                        f"{circular_m[1]:+.1f} m"),
             holds("the compensated altitude is accurate: rms",
                   below(compensated, 0.2 * standard_m), compensated, unit="m",
-                  where="(2), Fig. 4", note=f"with the start's height given, and its air temperature to "
+                  where="(2), Fig. 4", note="with the start's height given, and its air "
+                      "temperature to "
                   f"{THERMOMETER_SD_K:g} K; uncompensated {standard_m:.1f} m"),
             Row("the 60 m between compensated altitude and GPS are the geoid", "60", None, "m",
                 "Fig. 4", "they are as much as (5) invents"),
@@ -364,10 +368,12 @@ def _loop(page: Page, best: Gains) -> None:
         [
             holds("the gains are stable: K3 < K1 (K2 - 2 w_s^2)",
                   below(PRINTED_GAINS[2], PRINTED_GAINS[0] * (PRINTED_GAINS[1] - TWO_WS2)),
-                  f"{PRINTED_GAINS[2]:.3f} < {PRINTED_GAINS[0] * (PRINTED_GAINS[1] - TWO_WS2):.3f}"),
+                  f"{PRINTED_GAINS[2]:.3f} < "
+                  f"{PRINTED_GAINS[0] * (PRINTED_GAINS[1] - TWO_WS2):.3f}"),
             holds("the effect of noise's oscillations is removed perfectly", below(0.7, damping),
                   f"damping ratio {damping:.3f}", where="section IV.C",
-                  note=f"noise excites the loop's own oscillation: period {2 * math.pi / slow.imag:.1f} s, "
+                  note="noise excites the loop's own oscillation: period "
+                      f"{2 * math.pi / slow.imag:.1f} s, "
                   f"a tenth after {math.log(10) / -slow.real:.0f} s"),
         ],
     )  # fmt: skip
@@ -389,7 +395,10 @@ def _draw_poles(page: Page, best: Gains, intervals_s: Array, exact: Array) -> No
     """Poles, and the spectral radius of a step by its length."""
     real, slow, _ = tuning.loop_poles(PRINTED_GAINS)
     euler_radius = np.abs(1.0 + np.outer([real, slow], intervals_s)).max(axis=0)
-    caption = "Poles of the loop, and spectral radius of a step of it by its length: above 1 it is unstable."
+    caption = (
+        "Poles of the loop, and spectral radius of a step of it by its length: above 1 it "
+        "is unstable."
+    )
     with page.figure("poles", caption, columns=2) as axes:
         for gains, colour, label in (
             (PRINTED_GAINS, OTHER, "gains (10)"),
@@ -421,16 +430,21 @@ def _genetic(page: Page, tuned: Tuned, printed_ratios: Array) -> None:
     page.table(
         "Genetic algorithm (section III)",
         [
-            compare("p_m of the first generation", 0.117917, genetic.mutation_probability(0), 1e-6, where="(8)"),
+            compare("p_m of the first generation", 0.117917, genetic.mutation_probability(0), 1e-6,
+                    where="(8)"),
             compare("floor of p_m", 0.0041667, genetic.mutation_probability(60), 1e-7, where="(8)"),
             holds("the gains lie on a grid of 5 bits",
                   at_most(float(np.abs(np.subtract(on_grid, PRINTED_GAINS)).max()), 5e-5),
                   "31/31, 20/31, 27/31", printed="3.00, .6452, .8710", where="(10)"),
-            holds("the same with the paper's roulette selection", below(0.99, roulette), f"{100 * roulette:.0f} %",
+            holds("the same with the paper's roulette selection", below(0.99, roulette),
+                  f"{100 * roulette:.0f} %",
                   where="section III"),
-            holds("reaches the best solution and avoids local minima: share of searches", below(0.99, exact),
-                  f"{100 * exact:.0f} % of searches", where="section I", note="against all 32768 strings; the others "
-                  f"stay at most {100 * (tuned.ratios.max() - 1.0):.1f} % above. {tried:.0f} strings tried a search"),
+            holds("reaches the best solution and avoids local minima: share of searches",
+                  below(0.99, exact),
+                  f"{100 * exact:.0f} % of searches", where="section I",
+                  note="against all 32768 strings; the others "
+                  f"stay at most {100 * (tuned.ratios.max() - 1.0):.1f} % above. {tried:.0f} "
+                  "strings tried a search"),
             Row("cost of the printed gains over the least", None, spread(printed_ratios),
                 where="(7)", note="on our drives"),
         ],
@@ -470,8 +484,10 @@ def _comparison(page: Page, drives: list[Drive], best: Gains, noise: float) -> N
         [
             holds("the genetic loop tracks the altitude better than the Kalman filter",
                   below(height[BEST_LOOP], 0.95 * height[KF_3]),
-                  f"{height[BEST_LOOP]:.2f} against {height[KF_3]:.2f} m", printed="superior", where="Fig. 6",
-                  note=f"5 % would count; a filter with a state for the accelerometer's bias has {height[KF_4]:.2f} m"),
+                  f"{height[BEST_LOOP]:.2f} against {height[KF_3]:.2f} m", printed="superior",
+                  where="Fig. 6",
+                  note="5 % would count; a filter with a state for the accelerometer's bias has "
+                      f"{height[KF_4]:.2f} m"),
             holds("it tracks the velocity better", below(speed[BEST_LOOP], 0.95 * speed[KF_3]),
                   f"{speed[BEST_LOOP]:.3f} against {speed[KF_3]:.3f} m/s",
                   reading="a filter without a state for the accelerometer's bias, as (14)",
@@ -480,8 +496,10 @@ def _comparison(page: Page, drives: list[Drive], best: Gains, noise: float) -> N
                   below(nees["as printed"].mean, 4.0), nees["as printed"], where="(15)",
                   note="2 is consistent; the noise of b stands in the row of the height"),
             holds("with that noise in the row of b it is ten times nearer",
-                  below(nees["corrected"].mean, 0.1 * nees["as printed"].mean), nees["corrected"], where="(15)"),
-            holds("the printed gains are optimal", at_most(speed[PRINTED_LOOP], 1.05 * speed[BEST_LOOP]),
+                  below(nees["corrected"].mean, 0.1 * nees["as printed"].mean), nees["corrected"],
+                  where="(15)"),
+            holds("the printed gains are optimal", at_most(speed[PRINTED_LOOP],
+                                                           1.05 * speed[BEST_LOOP]),
                   f"{speed[PRINTED_LOOP]:.3f} against {speed[BEST_LOOP]:.3f} m/s", where="(10)",
                   note="on our road; theirs is not known"),
         ],
@@ -517,7 +535,8 @@ def _draw_comparison(
 
 def bias_nees(drives: list[Drive], place: str) -> Spread:
     """Normalised error squared of (height, climb) of a filter of climb, height and the barometer's
-    bias (11)-(16), with the noise of b in the row of the height, as (15) prints, or in that of b."""
+    bias (11)-(16), with the noise of b in the row of the height, as (15) prints, or in that of
+    b."""
     return spread(
         [_three_state_nees(driven, place == "as printed") for driven in drives[:NEES_DRIVES]]
     )

@@ -11,8 +11,8 @@ What the print leaves open, and what is wrong in it
 - Table 2 gives IIG 2.17 m, Table 4 the same undisturbed altimeter 1.25 m, Table 6 1.27 m.
 - Whether IBI and IIG share one INS is not said: R of (13) and (18) holds its variance, 9 m2, in
   both. With one INS their errors are correlated and IBIG gains less; both readings are shown.
-- (32) is read with the instantaneous normalised innovation and its spread of 1; with a windowed mean
-  the robust filter is much weaker.
+- (32) is read with the instantaneous normalised innovation and its spread of 1; with a windowed
+  mean the robust filter is much weaker.
 - Which of the two filters the tables are of is not said. With the robust one no choice comes near
   them.
 """
@@ -114,23 +114,25 @@ def reproduce(seeds: int, out: Path, progress: Progress) -> Page:
         outcome[title] = tuple(simulate(model.having(faults=faults), draws) for model in MODELS)
     page = Page("C", seeds, out)
     page.text(
-        "An inertial channel drifts by the paper's error model; an altimeter with a barometer (IBI), one with GPS "
-        "(IIG) and their fusion (IBIG) find its error. Between iterations 200 and 400 of 600 (0.5 s each) sensors are "
-        "biased by 20 m (CBM) or their variance is 100-fold (MNI). Values are means of the absolute error of "
-        "estimating the error, in metres. R is 10 m² (13) and 13.9729 m² (18)."
+        "An inertial channel drifts by the paper's error model; an altimeter with a barometer "
+        "(IBI), one with GPS (IIG) and their fusion (IBIG) find its error. Between iterations 200 "
+        "and 400 of 600 (0.5 s each) sensors are biased by 20 m (CBM) or their variance is "
+        "100-fold (MNI). Values are means of the absolute error of estimating the error, in "
+        "metres. R is 10 m² (13) and 13.9729 m² (18)."
     )
     for (title, results), printed in zip(outcome.items(), MEANS, strict=True):
         page.table(title, _mean_rows(results, printed), COLUMNS)
     page.text(
-        "*Table 1* is what the paper says it uses (sigma of U_B, which it does not give: 0.1), with the optimal and "
-        "with the robust gain. *Fitted* is the one set of assumptions that comes near all tables at once: optimal "
-        "gain, sigma of the vertical acceleration 0.6 instead of 0.00002 m/s², sigma of U_B 0.2. The inertial channel "
-        "is then so bad that each altimeter is little more than its sensor. The verdict is that of the fitted value "
-        "with two INS, within 20 %; *one INS* draws the INS's part of both measurements (9 m² of R) once. "
-        "Assumptions of ours, which the paper does not give: 600 iterations, a bias of 20 m, a factor of 100, and "
-        "(32) with the instantaneous innovation. "
-        "The paper contradicts itself: IIG, undisturbed in all three, has 2.17 m in Table 2, 1.25 m in "
-        "Table 4 and 1.27 m in Table 6."
+        "*Table 1* is what the paper says it uses (sigma of U_B, which it does not give: 0.1), "
+        "with the optimal and with the robust gain. *Fitted* is the one set of assumptions that "
+        "comes near all tables at once: optimal gain, sigma of the vertical acceleration 0.6 "
+        "instead of 0.00002 m/s², sigma of U_B 0.2. The inertial channel is then so bad that each "
+        "altimeter is little more than its sensor. The verdict is that of the fitted value with "
+        "two INS, within 20 %; *one INS* draws the INS's part of both measurements (9 m² of R) "
+        "once. Assumptions of ours, which the paper does not give: 600 iterations, a bias of 20 "
+        "m, a factor of 100, and (32) with the instantaneous innovation. The paper contradicts "
+        "itself: IIG, undisturbed in all three, has 2.17 m in Table 2, 1.25 m in Table 4 and 1.27 "
+        "m in Table 6."
     )
     page.table(
         "The same tables: standard deviations",
@@ -226,8 +228,8 @@ def _claim_rows(outcome: Outcome, index: int) -> list[Row]:
         holds(
             "one faulty: the other altimeter, as the estimator recommends it, is better than IBIG",
             both(below(ibi_biased[3], ibi_biased[2]), below(ibi_noisy[3], ibi_noisy[2])),
-            f"IBI biased {ibi_biased[3]:.2f} against {ibi_biased[2]:.2f}, noisy {ibi_noisy[3]:.2f} against "
-            f"{ibi_noisy[2]:.2f}",
+            f"IBI biased {ibi_biased[3]:.2f} against {ibi_biased[2]:.2f}, noisy "
+            f"{ibi_noisy[3]:.2f} against {ibi_noisy[2]:.2f}",
             where="sec. 5",
             note="isolated by prob(1/i) and disagreement, not by knowing the fault",
         ),
@@ -265,7 +267,8 @@ def _add_sweep(page: Page, draws: Array) -> None:
                 f"both biased by {from_m:g} m or more",
                 printed="always",
                 where="sec. 5",
-                note=f"biased by {BIASES_M[worst]:g} m it is {(robust / optimal)[worst].max():.1f} times worse",
+                note=f"biased by {BIASES_M[worst]:g} m it is "
+                f"{(robust / optimal)[worst].max():.1f} times worse",
             ),
             holds(
                 "the same for large faults",
@@ -387,7 +390,8 @@ def _property_rows(outcome: Outcome, draws: Array) -> list[Row]:
 
 
 LEAD = 6
-"""Iterations of the IMU alone before the first pressure and fix: the attitude is aligned in them."""
+"""Iterations of the IMU alone before the first pressure and fix: the attitude is aligned in
+them."""
 
 
 def live_log(model: Model, draw: Array) -> SampleLog:
@@ -425,7 +429,8 @@ def live_log(model: Model, draw: Array) -> SampleLog:
 
 
 def live_errors_m(model: Model, log: SampleLog, publish: str) -> Array:
-    """Errors of whole samples through the estimator's `run`; the datum of the barometer is known."""
+    """Errors of whole samples through the estimator's `run`; the datum of the barometer is
+    known."""
     params = model.params()
     params["publish"], params["reference_s"] = PUBLISH[publish], 1e18
     state = METHOD.init(params)
@@ -444,7 +449,8 @@ def _add_live(page: Page, outcome: Outcome, draws: Array) -> None:
         live = [np.abs(live_errors_m(TABLE_1, log, name.lower())).mean() for log in logs]
         lines.append([name, spread(free.mean_m(altimeter)[: draws.shape[0]]), spread(live)])
     page.grid(
-        "Through the estimator's `run`, sample by sample (mean error without a fault, Table 1, optimal, m)",
+        "Through the estimator's `run`, sample by sample (mean error without a fault, Table 1, "
+        "optimal, m)",
         [
             f"the first {draws.shape[0]} seeds",
             "as simulated above",

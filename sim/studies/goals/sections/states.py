@@ -33,10 +33,11 @@ def evaluate(context: Context) -> SectionPage:
     )
     page = SectionPage("states", context)
     page.text(
-        f"The flight is {f'`{RECORDED}`' if recorded else f'`{SIMULATED}`, seed 1'}; the states are those of "
-        "[the derivation](../vertical-bank.md). Black is the truth, as far as the simulator knows it: the barometer's "
-        f"error is its reading less the truth (means of {SMOOTHED_S:g} s, since its fast part is another state), its "
-        "drift rate the slope of that beyond scale times climb. Bands are twice the claimed spread."
+        f"The flight is {f'`{RECORDED}`' if recorded else f'`{SIMULATED}`, seed 1'}; the states "
+        "are those of [the derivation](../vertical-bank.md). Black is the truth, as far as the "
+        "simulator knows it: the barometer's error is its reading less the truth (means of "
+        f"{SMOOTHED_S:g} s, since its fast part is another state), its drift rate the slope of "
+        "that beyond scale times climb. Bands are twice the claimed spread."
     )
     _draw(page, log)
     context.progress(1.0, "drawn")
@@ -70,7 +71,10 @@ def _draw(page: SectionPage, log: SampleLog) -> None:
         Kind.GNSS, np.asarray(log[Kind.GNSS]["altitude_amsl_m"], np.float64)
     )
     drift_mps = np.gradient(baro_error_m, times_us * 1e-6) - e["baro_scale"] * climb_mps
-    caption = "Each state over the flight (minutes since the first sample); green is the bank, black the truth."
+    caption = (
+        "Each state over the flight (minutes since the first sample); green is the bank, "
+        "black the truth."
+    )
     with page.figure("states", caption, rows=4, columns=2, panel_in=1.9, sharex=True) as axes:
         for axis, title, error, sd in (
             (axes[0], "height h, error (m)", e["altitude_amsl_m"] - height_m, e["altitude_sd_m"]),

@@ -535,8 +535,8 @@ def test_an_outcome_has_what_tests_need() -> None:
 
 
 def test_ours_comes_back_beside_heights_of_the_vehicle_at_another_phase() -> None:
-    """GLOBAL_POSITION_INT comes at 10 Hz, 20 ms beside our slots, and fills in for two seconds of LOST:
-    once we are OK again, our own ALTITUDE is sent at its rate."""
+    """GLOBAL_POSITION_INT comes at 10 Hz, 20 ms beside our slots, and fills in for two seconds of
+    LOST: once we are OK again, our own ALTITUDE is sent at its rate."""
     outputs = Outputs(CompanionSettings().publish)
     estimate = rows(ESTIMATE)
     sent = 0

@@ -196,7 +196,7 @@ def test_a_page_that_reads_nothing_delays_nobody() -> None:
             longest_s = max(longest_s, time.perf_counter() - started_s)
             time.sleep(0.03)
         assert longest_s < 0.05
-        assert site.get("/healthz")[0] == 200
+        assert site.get("/")[0] == 200
         site.put()
         with site.stream() as eager:
             (event,) = events_of(eager, 1)
@@ -220,7 +220,7 @@ def test_connections_are_bounded_and_come_back() -> None:
         for page in pages:
             page.close()
         deadline = time.monotonic() + 10.0
-        while site.get("/healthz")[0] != 200:
+        while site.get("/")[0] != 200:
             assert time.monotonic() < deadline
             time.sleep(0.1)
     finally:

@@ -51,7 +51,8 @@ def test_without_a_fault_the_printed_parameters_give_less_than_the_printed_error
 
 
 def test_fitted_parameters_reach_all_cells_but_four(draws: Array) -> None:
-    """Within 20 % of Tables 2-7, with the optimal filter, sigma_Daz 0.6, sigma_UB 0.2, 20 m, x 100."""
+    """Within 20 % of Tables 2-7, with the optimal filter, sigma_Daz 0.6, sigma_UB 0.2, 20 m, x
+    100."""
     missed = {
         (title.split(":")[0], name)
         for (title, faults), printed in zip(SCENARIOS.items(), MEANS, strict=True)

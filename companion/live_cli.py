@@ -149,8 +149,8 @@ def run(
 def _live_page(
     settings: "HttpSettings", stack: ExitStack, output: Output, *, as_json: bool
 ) -> "Callable[[Service], Callable[[], None]] | None":
-    """Serve the live page where the settings want one; what it gives returns what to call after each
-    turn of a service's loop."""
+    """Serve the live page where the settings want one. What it returns takes a service, and gives
+    what to call after each turn of its loop."""
     if settings.address is None:
         return None
     from companion.web.board import Board

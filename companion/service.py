@@ -120,7 +120,7 @@ class Service:
         """frames that were not sent because they were made of old samples"""
         self.texts: deque[Text] = deque(maxlen=KEPT_TEXTS)
         """the last STATUSTEXT of the vehicle and our own"""
-        listeners = {
+        listeners: dict[int, Callable[[Message], None]] = {
             mavlink.MAVLINK_MSG_ID_COMMAND_ACK: self._acknowledged,
             mavlink.MAVLINK_MSG_ID_TIMESYNC: self._time_asked,
             STATUSTEXT: partial(self._keep_text, "vehicle"),
@@ -160,8 +160,8 @@ class Service:
         on_status: Callable[[Status], None] | None = None,
         on_turn: Callable[[], None] | None = None,
     ) -> None:
-        """Serve until `stop()`. `on_status` is called about once a second, `on_turn` after each turn
-        of the loop."""
+        """Serve until `stop()`. `on_status` is called about once a second, `on_turn` after each
+        turn of the loop."""
         while not stop():
             self.turn(POLL_S)
             if on_turn is not None:

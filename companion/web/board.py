@@ -98,7 +98,7 @@ class Board:
         return True
 
     def event(self) -> bytes:
-        """The newest snapshot as a server-sent event: age_s, and row and state once there are any."""
+        """The newest snapshot as a server-sent event: age_s; row and state once there are any."""
         age_s = self.age_s
         head = f'{{"age_s":{age_s:.2f}' if self._shown is not None else '{"age_s":null'
         body = f",{self._encoded}" if self._shown is not None else ""

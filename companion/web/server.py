@@ -1,9 +1,9 @@
 """The HTTP server of the live page: Starlette on Uvicorn, in a thread of its own.
 
-It answers GET only. A request whose ``Host`` is a name that is not ours is refused (a web site that
-points its own name at this machine could read the page otherwise), and so is one whose ``Origin`` is
-another site. Each open page gets the newest snapshot when it has taken the one before: what a slow
-page misses is not kept for it.
+It answers GET only. A request whose ``Host`` is a name that is not ours is refused: a web site that
+points its own name at this machine could read the page otherwise. One whose ``Origin`` is another
+site is refused too. Each open page gets the newest snapshot when it has taken the one before; what
+a slow page misses is not kept for it.
 """
 
 import asyncio
@@ -66,8 +66,7 @@ class Guard:
 
     Parameters
     ----------
-    names : host names that are ours, lower case; IP addresses always are, because a name of somebody
-        else's is what an attack needs.
+    names : host names that are ours, lower case. IP addresses always are: an attack needs a name.
     """
 
     def __init__(self, app: ASGIApp, names: Sequence[str]) -> None:

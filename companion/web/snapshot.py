@@ -1,7 +1,7 @@
-"""What the live page and other programs are told of a running service: a snapshot in the report schema.
+"""What the live page shows of a running service: a snapshot in the report schema.
 
-`Snapshots.poll` runs in the estimator's thread between two turns of its loop. It copies numbers that
-the pipeline keeps anyway, four times a second; a sample costs nothing more with it than without.
+`Snapshots.poll` runs in the estimator's thread between two turns of its loop. Four times a second
+it copies numbers that the pipeline keeps anyway; a sample costs nothing more with it than without.
 """
 
 import logging

@@ -110,6 +110,7 @@ def run(
 
     from companion.checkpoint import Checkpoint, fingerprint
     from companion.clock import SystemClock
+    from companion.key_file import open_signing
     from companion.links import open_links
     from companion.recording import Recording
     from companion.restarts import serve
@@ -117,6 +118,7 @@ def run(
     from companion.warmup import warm_up
 
     clock, output = SystemClock(), Output()
+    signing = open_signing(settings.signing)
     with ExitStack() as stack, _stop_signals() as stopped:
         opened = open_links([link, *(more or [])], clock)
         stack.callback(opened.close)
@@ -130,7 +132,13 @@ def run(
         def make() -> Service:
             earlier = lines.service if lines is not None else None
             return Service(
-                opened, settings, clock, recorder=recorder, checkpoint=keeper, earlier=earlier
+                opened,
+                settings,
+                clock,
+                recorder=recorder,
+                checkpoint=keeper,
+                earlier=earlier,
+                signing=signing,
             )
 
         def run_one(service: Service) -> None:

@@ -19,6 +19,7 @@ from companion.clock import Clock
 from companion.errors import LogFormatError
 from companion.feedback import start_feedback
 from companion.health import Health
+from companion.key_file import SigningStore
 from companion.links import Link
 from companion.links.routing import Router
 from companion.links.traffic import Traffic
@@ -98,6 +99,7 @@ class Service:
     observer : sees the pipeline from inside.
     checkpoint : where the state is kept in case this process is killed.
     earlier : a service on the same link that failed; its vehicle is followed at once.
+    signing : the key, and where its time stamps are kept; None: nothing is signed or verified.
     """
 
     def __init__(
@@ -110,6 +112,7 @@ class Service:
         observer: Observer | None = None,
         checkpoint: Checkpoint | None = None,
         earlier: "Service | None" = None,
+        signing: SigningStore | None = None,
     ) -> None:
         self.link = link
         self.clock = clock
@@ -130,7 +133,9 @@ class Service:
             observer=observer,
             listeners=listeners,
             feedback=start_feedback(settings.feedback, link.url),
+            signing=signing.signing if signing is not None else None,
         )
+        self._signing = signing
         if earlier is not None:
             self.pipeline.identity.resume(earlier.pipeline.identity, clock.now_us())
         self.pipeline.on_own_ids(self._own_ids_heard)
@@ -142,7 +147,10 @@ class Service:
         self._recorder = recorder
         self._recent: deque[bytes] = deque(maxlen=256)
         self._foreign_heartbeats = 0
-        start_us = clock.now_us()
+        self._start(clock.now_us())
+
+    def _start(self, start_us: int) -> None:
+        """Every instant of the host's clock is `start_us`."""
         self._start_us = start_us
         self._traffic = Traffic()
         self._backlog = Backlog()
@@ -249,6 +257,8 @@ class Service:
     def _housekeeping(self, now_us: int) -> None:
         """What is due by the host's clock. Our heartbeat goes out from the first second on every
         link, vehicle or not: many peers speak only to who spoke; it stops when this loop does."""
+        if self._signing is not None:
+            self._signing.keep()
         self._send(self.pipeline.age(now_us), now_us)
         if now_us >= self._heartbeat_due_us:
             self._heartbeat_due_us = now_us + HEARTBEAT_US
@@ -305,7 +315,8 @@ class Service:
 
     def _record_heard(self, now_us: int) -> None:
         for frame in self.pipeline.frames:
-            self._record(now_us, frame.data)
+            if frame.message_id != mavlink.MAVLINK_MSG_ID_SETUP_SIGNING:  # it holds the key
+                self._record(now_us, frame.data)
 
     def _record(self, now_us: int, frame: bytes) -> None:
         """A recording that cannot go on (the disk is full) must not end the service."""

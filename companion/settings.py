@@ -17,6 +17,7 @@ from companion.intake import IntakeSettings
 from companion.known_air import AirSettings
 from companion.mavlink.identity import AUTOPILOT_COMPONENT_ID, OUR_COMPONENT_ID
 from companion.mavlink.outputs import PublishSettings
+from companion.mavlink.signing import SigningSettings
 from companion.mavlink.streams import StreamSettings
 from companion.recording import RecordSettings
 from companion.web.settings import HttpSettings
@@ -69,6 +70,7 @@ class CompanionSettings(Settings):
     health: HealthSettings = HealthSettings()
     publish: PublishSettings = PublishSettings()
     streams: StreamSettings = StreamSettings()
+    signing: SigningSettings = SigningSettings()
     feedback: FeedbackSettings = FeedbackSettings()
     record: RecordSettings = RecordSettings()
     checkpoint: CheckpointSettings = CheckpointSettings()

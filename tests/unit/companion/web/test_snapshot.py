@@ -1,6 +1,7 @@
 """Snapshots of a service on a memory link: what a page and other programs are told."""
 
 import json
+import logging
 from collections.abc import Iterator
 from typing import Any
 
@@ -125,6 +126,7 @@ def test_a_fault_of_a_snapshot_ends_the_page_and_not_the_service(
     def fail(now_us: int) -> None:
         raise ZeroDivisionError
 
+    caplog.set_level(logging.ERROR, logger="kollsman")
     monkeypatch.setattr(bench.snapshots, "take", fail)
     for _ in range(3):
         bench.clock.advance_s(1.0)

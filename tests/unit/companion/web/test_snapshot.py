@@ -1,7 +1,6 @@
 """Snapshots of a service on a memory link: what a page and other programs are told."""
 
 import json
-import logging
 from collections.abc import Iterator
 from typing import Any
 
@@ -121,16 +120,16 @@ def test_four_snapshots_a_second(bench: Watched) -> None:
 
 
 def test_a_fault_of_a_snapshot_ends_the_page_and_not_the_service(
-    bench: Watched, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    bench: Watched, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    calls = []
+
     def fail(now_us: int) -> None:
+        calls.append(now_us)
         raise ZeroDivisionError
 
-    caplog.set_level(logging.ERROR, logger="kollsman")
     monkeypatch.setattr(bench.snapshots, "take", fail)
     for _ in range(3):
         bench.clock.advance_s(1.0)
         bench.turn()
-    assert [record.message for record in caplog.records] == [
-        "the live page is not kept up to date any more"
-    ]
+    assert len(calls) == 1

@@ -20,6 +20,7 @@ from companion.mavlink.outputs import PublishSettings
 from companion.mavlink.signing import SigningSettings
 from companion.mavlink.streams import StreamSettings
 from companion.recording import RecordSettings
+from companion.web.settings import HttpSettings
 
 
 class VehicleSettings(Settings):
@@ -73,6 +74,7 @@ class CompanionSettings(Settings):
     feedback: FeedbackSettings = FeedbackSettings()
     record: RecordSettings = RecordSettings()
     checkpoint: CheckpointSettings = CheckpointSettings()
+    http: HttpSettings = HttpSettings()
     estimators: EstimatorSections = EstimatorSections()
 
     def section(self, estimator: str) -> Settings:

@@ -11,11 +11,11 @@ from companion.logs import LogReader, open_log
 from companion.observer import Observer
 from companion.pipeline import Pipeline
 from companion.replay.record import Recording
+from companion.replay.schema import document
 from companion.replay.sessions import Session, Writer, sessions_of
 from companion.replay.summary import (
     SETTLE_S,
     damage,
-    document,
     reference_of,
     summarise,
 )

@@ -57,9 +57,7 @@ class _Values(Settings):
     model_config = ConfigDict(extra="allow")
 
 
-def early_settings(
-    config: Path | None, changes: Sequence[str], ids: dict[str, int | None]
-) -> EarlySettings:
+def early_settings(config: Path | None, changes: Sequence[str]) -> EarlySettings:
     """What the configuration says of these sections, as `common_cli.resolve_settings` reads it.
 
     Raises `ConfigError`; what is wrong in other sections is found later.
@@ -75,23 +73,16 @@ def early_settings(
                 held[name] = yaml.safe_load(value)
             except (yaml.YAMLError, ValueError):
                 raise ConfigError(f"--set {text}: the value is no number and no text") from None
-    given = {key: value for key, value in ids.items() if value is not None}
-    if given:
-        values["identity"] = dict(values.get("identity") or {}) | given
     return validate(values, EarlySettings, source=str(path or "options"))
 
 
 def begin(
-    link: Link,
-    clock: Clock,
-    config: Path | None,
-    changes: Sequence[str],
-    ids: dict[str, int | None],
+    link: Link, clock: Clock, config: Path | None, changes: Sequence[str]
 ) -> "Interim | None":
     """An `Interim` that runs; None where the configuration cannot be used, which is reported when
     all of it is read. Raises `ConfigError` for a signing key that cannot be used."""
     try:
-        settings = early_settings(config, changes, ids)
+        settings = early_settings(config, changes)
     except ConfigError:
         return None
     made = Interim(link, settings, clock)

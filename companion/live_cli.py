@@ -7,8 +7,9 @@ import logging
 import math
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -24,8 +25,12 @@ from companion.notify import Notifier
 from companion.output import Output, set_up_logging, timestamp
 
 if TYPE_CHECKING:
+    from companion.clock import Clock
+    from companion.interim import Interim
+    from companion.links import Link
     from companion.service import Service, Status
     from companion.settings import CompanionSettings
+    from companion.web.settings import HttpSettings
 
 RUN_EXAMPLES = """\b
 Examples:
@@ -35,6 +40,7 @@ Examples:
   A Pixhawk on USB, recorded:               kollsman run /dev/ttyACM0 --record flights/
   Autopilot and ground station, no router:
     kollsman run /dev/ttyAMA0:921600 --link udpout:192.168.1.20
+  With a page for a browser:                kollsman run udpin:0.0.0.0:14550 --http 8080
 """
 
 DOCTOR_EXAMPLES = """\b
@@ -46,66 +52,110 @@ Examples:
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
+LinkArgument = Annotated[
+    str,
+    typer.Argument(
+        help="Where the autopilot is; `kollsman links` lists the forms.", envvar="KOLLSMAN_LINK"
+    ),
+]
+MoreOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--link",
+        help="Another link, such as a ground station's; repeatable. MAVLink is routed between all "
+        "of them.",
+        metavar="LINK",
+        envvar="KOLLSMAN_LINKS",
+    ),
+]
+RecordOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Record every frame heard and sent: a folder (one dated file a session), a file, or a "
+        "strftime pattern. An existing file is never overwritten.",
+        metavar="DIR",
+        envvar="KOLLSMAN_RECORD",
+    ),
+]
+HttpOption = Annotated[
+    str | None,
+    typer.Option(
+        "--http",
+        help="Serve the live page, /metrics, /healthz and /api/state there, such as "
+        "127.0.0.1:8080; read-only. Default: not served.",
+        metavar="HOST:PORT",
+        envvar="KOLLSMAN_HTTP",
+    ),
+]
+SystemIdOption = Annotated[
+    int | None, typer.Option(min=1, max=255, help="Our system id; default: the vehicle's.")
+]
+ComponentIdOption = Annotated[
+    int | None, typer.Option(min=1, max=255, help="Our component id (default 191).")
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Status and log lines as JSON objects.")]
+
+
 def run(
-    link: Annotated[
-        str,
-        typer.Argument(
-            help="Where the autopilot is; `kollsman links` lists the forms.",
-            envvar="KOLLSMAN_LINK",
-        ),
-    ],
+    link: LinkArgument,
     *,
-    more: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--link",
-            help="Another link, such as a ground station's; repeatable. MAVLink is routed between "
-            "all of them.",
-            metavar="LINK",
-            envvar="KOLLSMAN_LINKS",
-        ),
-    ] = None,
+    more: MoreOption = None,
     estimator: EstimatorOption = None,
     config: ConfigOption = None,
     changes: SetOption = None,
-    record: Annotated[
-        str | None,
-        typer.Option(
-            help="Record every frame heard and sent: a folder (one dated file a session), a file, "
-            "or a strftime pattern. An existing file is never overwritten.",
-            metavar="DIR",
-            envvar="KOLLSMAN_RECORD",
-        ),
-    ] = None,
-    system_id: Annotated[
-        int | None, typer.Option(min=1, max=255, help="Our system id; default: the vehicle's.")
-    ] = None,
-    component_id: Annotated[
-        int | None, typer.Option(min=1, max=255, help="Our component id (default 191).")
-    ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Status and log lines as JSON objects.")
-    ] = False,
+    record: RecordOption = None,
+    http: HttpOption = None,
+    system_id: SystemIdOption = None,
+    component_id: ComponentIdOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Serve a vehicle: read its sensors, send back ALTITUDE and the DEBUG family, until Ctrl-C."""
     started_s = time.perf_counter()
     if as_json:
         set_up_logging(logging.getLogger().level, as_json=True)
-    from companion.clock import SystemClock
+    ids = {"system_id": system_id, "component_id": component_id}
+    given = [f"identity.{key}={value}" for key, value in ids.items() if value is not None]
+    changes = [*(changes or []), *given]
+
+    def resolve() -> "CompanionSettings":
+        settings = _with_options(resolve_settings(config, estimator, changes), record, http)
+        say_if_compiling(settings.estimator)
+        return settings
+
     from companion.interim import begin
+
+    early = partial(begin, config=config, changes=changes)
+    _serve([link, *(more or [])], early, resolve, Output(), started_s, as_json=as_json)
+
+
+def _serve(
+    urls: list[str],
+    early: "Callable[[Link, Clock], Interim | None]",
+    resolve: "Callable[[], CompanionSettings]",
+    output: Output,
+    started_s: float,
+    *,
+    as_json: bool,
+) -> None:
+    """Open the links and serve the vehicle on them until a stop signal.
+
+    Parameters
+    ----------
+    early : begins to send on the autopilot's own height; None where the settings are wrong.
+    resolve : the settings, which takes long: the estimators are imported.
+    """
+    from companion.clock import SystemClock
     from companion.links import open_links
 
-    clock, output = SystemClock(), Output()
+    clock = SystemClock()
     with ExitStack() as stack, _stop_signals() as stopped:
-        opened = open_links([link, *(more or [])], clock)
+        opened = open_links(urls, clock)
         stack.callback(opened.close)
-        ids = {"system_id": system_id, "component_id": component_id}
-        interim = begin(opened, clock, config, changes or [], ids)
+        interim = early(opened, clock)
         if interim is not None:
             stack.callback(interim.stop)
-        settings = resolve_settings(config, estimator, changes)
-        say_if_compiling(settings.estimator)
-        settings = _with_options(settings, record, system_id, component_id)
+        settings = resolve()
+        assert interim is not None, "settings that are wrong raise"
 
         from companion.checkpoint import Checkpoint, fingerprint
         from companion.recording import Recording
@@ -115,48 +165,70 @@ def run(
 
         path = settings.record.path
         recorder = stack.enter_context(Recording(path, settings.record)) if path else None
+        page = _live_page(settings.http, stack, output, as_json=as_json)
         warm_up(settings)
         keeper = Checkpoint(settings.checkpoint, [opened.url], fingerprint(settings))
+        build = partial(
+            Service,
+            opened,
+            settings,
+            clock,
+            recorder=recorder,
+            checkpoint=keeper,
+            follows=interim.identity,
+            signing=interim.signing,
+        )
         lines: StatusLine | None = None
 
         def make() -> Service:
-            earlier = lines.service if lines is not None else None
-            return Service(
-                opened,
-                settings,
-                clock,
-                recorder=recorder,
-                checkpoint=keeper,
-                follows=interim.identity if interim is not None else None,
-                earlier=earlier,
-                signing=interim.signing if interim is not None else None,
-            )
+            return build(earlier=lines.service if lines is not None else None)
 
         def run_one(service: Service) -> None:
             nonlocal lines
             lines = StatusLine(service, output, as_json=as_json)
             lines.ready(time.perf_counter() - started_s)
-            service.run(lambda: bool(stopped), lines.show)
+            service.run(lambda: bool(stopped), lines.show, page(service) if page else None)
 
-        if interim is not None:
-            interim.stop()
+        interim.stop()
         serve(make, run_one, clock)
         stack.close()
         if lines is not None:
             lines.stopped(recorder)
 
 
+def _live_page(
+    settings: "HttpSettings", stack: ExitStack, output: Output, *, as_json: bool
+) -> "Callable[[Service], Callable[[], None]] | None":
+    """Serve the live page where the settings want one. What it returns takes a service, and gives
+    what to call after each turn of its loop."""
+    if settings.address is None:
+        return None
+    from companion.web.board import Board
+    from companion.web.server import WebServer
+    from companion.web.settings import read_address
+    from companion.web.snapshot import Snapshots
+
+    board, address = Board(), read_address(settings.address)
+    server = WebServer(address, board, settings.hosts)
+    stack.callback(server.close)
+    server.start()
+    if as_json:
+        head = {"time": timestamp(time.time()), "event": "http"}
+        output.line(json.dumps(head | {"url": server.url}))
+    else:
+        reach = "" if address.is_loopback else "; every machine that reaches this one can read it"
+        output.line(f"live page: {server.url}{reach}")
+    return lambda service: Snapshots(service, board).poll
+
+
 def _with_options(
-    settings: "CompanionSettings",
-    record: str | None,
-    system_id: int | None,
-    component_id: int | None,
+    settings: "CompanionSettings", record: str | None, http: str | None
 ) -> "CompanionSettings":
-    ids = {"system_id": system_id, "component_id": component_id}
-    given = {key: value for key, value in ids.items() if value is not None}
-    changes = {"identity": settings.identity.model_dump() | given}
+    changes: dict[str, Any] = {}
     if record is not None:
         changes["record"] = settings.record.model_dump() | {"path": record}
+    if http is not None:
+        changes["http"] = settings.http.model_dump() | {"address": http}
     return settings.with_changes(**changes)
 
 

@@ -10,6 +10,8 @@ import math
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 from companion.admission import Admission
 from companion.air_store import AirStore
@@ -24,10 +26,11 @@ from companion.links import Link
 from companion.links.routing import Router
 from companion.links.traffic import Traffic
 from companion.logs import LogWriter
-from companion.mavlink.codec import Frame, Message, mavlink
+from companion.mavlink.codec import Frame, Message, decode, mavlink, scan
 from companion.mavlink.identity import Identity, Origin, autopilot_name
 from companion.notices import notice
-from companion.pipeline import Observer, Pipeline
+from companion.observer import Observer
+from companion.pipeline import Pipeline
 from companion.samples import Kind, Packet
 from companion.settings import CompanionSettings
 from companion.streaming import Streaming
@@ -42,6 +45,8 @@ HEARTBEAT_US = 1_000_000
 NOTICE_US = 5_000_000
 STATUS_US = 1_000_000
 FOREIGN_HEARTBEATS = 2
+KEPT_TEXTS = 30
+STATUSTEXT: int = mavlink.MAVLINK_MSG_ID_STATUSTEXT
 SESSION_US = 60_000_000
 """Our own frames are recorded this long after the last that was heard."""
 OUTDATED = frozenset(
@@ -80,6 +85,18 @@ class Status:
     """of the newest time stamp of the vehicle; NaN before its first answer to TIMESYNC"""
 
 
+class Text(NamedTuple):
+    """A STATUSTEXT."""
+
+    time_us: int
+    """when it was heard or sent, host's clock"""
+    who: str
+    """vehicle or Kollsman"""
+    severity: int
+    """MAV_SEVERITY"""
+    text: str
+
+
 class Service:
     """Runs the companion on an open link until told to stop.
 
@@ -114,9 +131,12 @@ class Service:
         self.sent_frames = 0
         self.outdated = 0
         """frames that were not sent because they were made of old samples"""
-        listeners = {
+        self.texts: deque[Text] = deque(maxlen=KEPT_TEXTS)
+        """the last STATUSTEXT of the vehicle and our own"""
+        listeners: dict[int, Callable[[Message], None]] = {
             mavlink.MAVLINK_MSG_ID_COMMAND_ACK: self._acknowledged,
             mavlink.MAVLINK_MSG_ID_TIMESYNC: self._time_asked,
+            STATUSTEXT: partial(self._keep_text, "vehicle"),
         }
         self.pipeline = Pipeline(
             settings,
@@ -158,11 +178,17 @@ class Service:
         self._status_counts: dict[str, int] = {}
 
     def run(
-        self, stop: Callable[[], bool], on_status: Callable[[Status], None] | None = None
+        self,
+        stop: Callable[[], bool],
+        on_status: Callable[[Status], None] | None = None,
+        on_turn: Callable[[], None] | None = None,
     ) -> None:
-        """Serve until `stop()`. `on_status` is called about once a second."""
+        """Serve until `stop()`. `on_status` is called about once a second, `on_turn` after each
+        turn of the loop."""
         while not stop():
             self.turn(POLL_S)
+            if on_turn is not None:
+                on_turn()
             if on_status is not None and self.clock.now_us() - self._status_us >= STATUS_US:
                 on_status(self.status())
         self.stop()
@@ -226,6 +252,11 @@ class Service:
             self.timesync.round_trip_s,
             self.timesync.age_s(now_us, self.pipeline.now_us),
         )
+
+    @property
+    def problems(self) -> list[str]:
+        """Streams that are slow, missing or refused."""
+        return list(self._streaming.problems)
 
     def traffic(self) -> dict[str, Traffic]:
         """The senders heard on each link."""
@@ -292,8 +323,13 @@ class Service:
                 continue
             self.sent_frames += 1
             self._recent.append(frame)
-            if _message_id(frame) == mavlink.MAVLINK_MSG_ID_ALTITUDE:
+            message_id = _message_id(frame)
+            if message_id == mavlink.MAVLINK_MSG_ID_ALTITUDE:
                 self.published += 1
+            elif message_id == STATUSTEXT and isinstance(found := scan(frame), Frame):
+                message = decode(found)
+                if message is not None:
+                    self._keep_text("Kollsman", message)
             if self.link.statistics.received_bytes and now_us - self._heard_us < SESSION_US:
                 self._record(now_us, frame)
 
@@ -311,6 +347,11 @@ class Service:
         except LogFormatError as error:
             logger.error("recording stops: %s", error)
             self._recorder = None
+
+    def _keep_text(self, who: str, message: Message) -> None:
+        self.texts.append(
+            Text(self.clock.now_us(), who, int(message.severity), str(message.text).rstrip("\0"))
+        )
 
     def _time_asked(self, message: Message) -> None:
         """The vehicle compares its clock with ours, or answers our request."""

@@ -19,6 +19,7 @@ from companion.mavlink.sections import IdentitySettings, PublishSettings, Vehicl
 from companion.mavlink.signing import SigningSettings
 from companion.mavlink.streams import StreamSettings
 from companion.recording import RecordSettings
+from companion.web.settings import HttpSettings
 
 EstimatorSections: type[Settings] = create_model(
     "EstimatorSections",
@@ -50,6 +51,7 @@ class CompanionSettings(Settings):
     feedback: FeedbackSettings = FeedbackSettings()
     record: RecordSettings = RecordSettings()
     checkpoint: CheckpointSettings = CheckpointSettings()
+    http: HttpSettings = HttpSettings()
     estimators: EstimatorSections = EstimatorSections()
 
     def section(self, estimator: str) -> Settings:

@@ -91,6 +91,11 @@ class Outputs:
         self._ours_us: int | None = None
         self._pressure_pa = math.nan
 
+    @property
+    def own(self) -> OwnHeights | None:
+        """The vehicle's own heights that were heard last; None before the first."""
+        return self._own
+
     def vehicle_altitude(self, now_us: int) -> None:
         """The vehicle sent ALTITUDE itself; one alone may be forged."""
         recent = [us for us in self._vehicle_altitudes_us if abs(now_us - us) < VEHICLE_ALTITUDE_US]

@@ -15,7 +15,6 @@ from companion.mavlink.codec import Message, mavlink
 from tests.vehicle import Vehicle, heartbeat, parsed
 
 ALT_MM, RELATIVE_MM = 507_123, 12_345
-NOBODY: dict[str, int | None] = {"system_id": None, "component_id": None}
 
 
 def position(boot_s: float) -> Message:
@@ -105,26 +104,26 @@ def test_settings_come_from_file_environment_and_options(
     path = tmp_path / "companion.yaml"
     path.write_text("publish: {altitude: never, debug_hz: 5}\nestimators: {anything: {at: all}}\n")
     monkeypatch.setenv("KOLLSMAN_PUBLISH__ALTITUDE_HZ", "5")
-    made = early_settings(path, ["publish.altitude=always", "health.lost_s=4"], NOBODY)
+    made = early_settings(path, ["publish.altitude=always", "health.lost_s=4"])
     assert made.publish.altitude == "always"
     assert (made.publish.altitude_hz, made.publish.debug_hz) == (5.0, 5.0)
-    made = early_settings(path, [], {"system_id": 9, "component_id": None})
+    made = early_settings(path, ["identity.system_id=9"])
     assert (made.publish.altitude, made.identity.system_id) == ("never", 9)
 
 
 def test_what_is_wrong_is_left_to_the_full_reading(tmp_path: Path) -> None:
     clock = ManualClock()
     near, _ = pair(clock)
-    assert begin(near, clock, tmp_path / "absent.yaml", [], NOBODY) is None
-    assert begin(near, clock, None, ["publish.altitude=perhaps"], NOBODY) is None
+    assert begin(near, clock, tmp_path / "absent.yaml", []) is None
+    assert begin(near, clock, None, ["publish.altitude=perhaps"]) is None
     with pytest.raises(ConfigError, match="key_file"):
-        begin(near, clock, None, [f"signing.key_file={tmp_path / 'absent.key'}"], NOBODY)
+        begin(near, clock, None, [f"signing.key_file={tmp_path / 'absent.key'}"])
 
 
 def test_the_thread_ends_and_leaves_the_link() -> None:
     clock = SystemClock()
     near, far = pair(clock)
-    made = begin(near, clock, None, [], NOBODY)
+    made = begin(near, clock, None, [])
     assert made is not None
     deadline_s = time.monotonic() + 5.0
     while not far.receive(0.05):

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from companion import batch_cli, live_cli, log_cli
+from companion import batch_cli, doctor_cli, live_cli, log_cli
 from companion.common_cli import (
     ConfigOption,
     resolve_settings,
@@ -79,7 +79,7 @@ def _options(
 
 
 app.command(epilog=live_cli.RUN_EXAMPLES)(live_cli.run)
-app.command(epilog=live_cli.DOCTOR_EXAMPLES)(live_cli.doctor)
+app.command(epilog=doctor_cli.DOCTOR_EXAMPLES)(doctor_cli.doctor)
 
 
 app.command(epilog=log_cli.REPLAY_EXAMPLES)(log_cli.replay)

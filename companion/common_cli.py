@@ -12,6 +12,12 @@ from companion.errors import ConfigError
 if TYPE_CHECKING:
     from companion.settings import CompanionSettings
 
+LinkArgument = Annotated[
+    str,
+    typer.Argument(
+        help="Where the autopilot is; `kollsman links` lists the forms.", envvar="KOLLSMAN_LINK"
+    ),
+]
 EstimatorOption = Annotated[
     str | None, typer.Option(help="In place of the configuration's.", metavar="NAME")
 ]

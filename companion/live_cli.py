@@ -17,6 +17,7 @@ import typer
 from companion.common_cli import (
     ConfigOption,
     EstimatorOption,
+    LinkArgument,
     SetOption,
     resolve_settings,
     say_if_compiling,
@@ -28,8 +29,9 @@ if TYPE_CHECKING:
     from companion.clock import Clock
     from companion.interim import Interim
     from companion.links import Link
-    from companion.service import Service, Status
+    from companion.service import Service
     from companion.settings import CompanionSettings
+    from companion.status import Status
     from companion.web.settings import HttpSettings
 
 RUN_EXAMPLES = """\b
@@ -43,21 +45,9 @@ Examples:
   With a page for a browser:                kollsman run udpin:0.0.0.0:14550 --http 8080
 """
 
-DOCTOR_EXAMPLES = """\b
-Examples:
-  kollsman doctor /dev/ttyAMA0:57600
-  kollsman doctor udpin:0.0.0.0:14550 --seconds 30
-"""
-
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
-LinkArgument = Annotated[
-    str,
-    typer.Argument(
-        help="Where the autopilot is; `kollsman links` lists the forms.", envvar="KOLLSMAN_LINK"
-    ),
-]
 MoreOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -156,7 +146,22 @@ def _serve(
             stack.callback(interim.stop)
         settings = resolve()
         assert interim is not None, "settings that are wrong raise"
+        _run(opened, interim, settings, clock, stopped, output, started_s, as_json=as_json)
 
+
+def _run(
+    opened: "Link",
+    interim: "Interim",
+    settings: "CompanionSettings",
+    clock: "Clock",
+    stopped: list[int],
+    output: Output,
+    started_s: float,
+    *,
+    as_json: bool,
+) -> None:
+    """Serve the vehicle on the open link until a signal is in `stopped`."""
+    with ExitStack() as stack:
         from companion.checkpoint import Checkpoint, fingerprint
         from companion.recording import Recording
         from companion.restarts import serve
@@ -344,50 +349,3 @@ def _stop_signals() -> Iterator[list[int]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-def doctor(
-    link: Annotated[
-        str,
-        typer.Argument(
-            help="Where the autopilot is; `kollsman links` lists the forms.",
-            envvar="KOLLSMAN_LINK",
-        ),
-    ],
-    *,
-    config: ConfigOption = None,
-    seconds: Annotated[
-        float, typer.Option(min=1, max=3600, help="How long to listen.", metavar="S")
-    ] = 15.0,
-    as_json: Annotated[bool, typer.Option("--json", help="The findings as JSON.")] = False,
-) -> None:
-    """Listen to a vehicle for some seconds: what is heard, what is missing, which parameter to set.
-
-    Ends with 1 when something is wrong.
-    """
-    settings = resolve_settings(config, None)
-    say_if_compiling(settings.estimator)
-
-    from companion import doctor as examining
-    from companion.clock import SystemClock
-    from companion.links import open_link
-    from companion.warmup import warm_up
-
-    clock, output = SystemClock(), Output()
-    warm_up(settings)
-    opened = open_link(link, clock)
-    with ExitStack() as stack:
-        stack.callback(opened.close)
-        case, findings = examining.examine(opened, settings, clock, seconds)
-    if as_json:
-        listed = [
-            {"grade": each.grade.name.lower(), "what": each.what, "cure": each.cure}
-            for each in findings
-        ]
-        heard = [line.strip() for line in examining.report(case, [])]
-        output.line(json.dumps({"findings": listed, "heard": heard}, ensure_ascii=False))
-    else:
-        for line in examining.report(case, findings):
-            output.line(line)
-    if any(each.grade is examining.Grade.WRONG for each in findings):
-        raise typer.Exit(1)

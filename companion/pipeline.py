@@ -18,7 +18,7 @@ from companion.intake import Intake, SampleReject, restart_row
 from companion.known_air import KnownAir, LiveAir
 from companion.mavlink import convert
 from companion.mavlink.codec import Decoder, Encoder, Frame, Message, mavlink
-from companion.mavlink.commands import Commands, Sent
+from companion.mavlink.commands import Commands
 from companion.mavlink.identity import Identity, Origin
 from companion.mavlink.outputs import Outputs, heartbeat, intervals
 from companion.mavlink.own_heights import own_heights
@@ -91,8 +91,7 @@ class Pipeline:
         """the frames of the last packet"""
         self._listeners = dict(listeners or {})
         self._encoders: dict[tuple[int, int], Encoder] = {}
-        self._sent, self._host_us = Sent(), 0
-        self.commands = Commands(self._sent, intervals(settings.publish))
+        self.commands, self._host_us = Commands(intervals(settings.publish)), 0
         self.parameters = Parameters(
             settings, LiveAir, lambda key: getattr(self.air, key), self._set_air
         )
@@ -303,10 +302,8 @@ class Pipeline:
             return self._encode([own_height])
         elif message_id == PARAM_VALUE:
             self.feedback.parameter(message)
-        sent: list[bytes] = []
-        for reading in self.readings.of(message, message_id, self.identity.autopilot):
-            sent += self._reading(reading, message_id, arrival_us)
-        return sent
+        readings = self.readings.of(message, message_id, self.identity.autopilot)
+        return [frame for each in readings for frame in self._reading(each, message_id, arrival_us)]
 
     def _compare(self, is_truth: bool, height: tuple[int, float, float]) -> None:
         if self._observer is not None and height[0] >= 0:
@@ -392,13 +389,12 @@ class Pipeline:
     def _encode(self, messages: list[Message]) -> list[bytes]:
         if not self._sends:
             return []
-        for message in messages:
-            self._sent.note(message, self._host_us)
+        self.commands.sent(messages, self._host_us)
         own, version = self.identity.own, self.identity.version
         if self.identity.vehicle is None:
             version = 2  # an autopilot that can speak MAVLink 2 may wait for it
-        if own not in self._encoders:
-            self._encoders[own] = Encoder(*own, self.signing)
-        encoder = self._encoders[own]
+        encoder = self._encoders.get(own)
+        if encoder is None:
+            encoder = self._encoders[own] = Encoder(*own, self.signing)
         frames = (encoder.encode(message, version) for message in messages)
         return [frame for frame in frames if frame]

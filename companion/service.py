@@ -9,9 +9,7 @@ import logging
 import math
 from collections import Counter, deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
 
 from companion.admission import Admission
 from companion.air_store import AirStore
@@ -20,7 +18,6 @@ from companion.checkpoint import Checkpoint
 from companion.clock import Clock
 from companion.errors import LogFormatError
 from companion.feedback import start_feedback
-from companion.health import Health
 from companion.key_file import SigningStore
 from companion.links import Link
 from companion.links.routing import Router
@@ -33,6 +30,7 @@ from companion.observer import Observer
 from companion.pipeline import Pipeline
 from companion.samples import Kind, Packet
 from companion.settings import CompanionSettings
+from companion.status import Status, Text
 from companion.streaming import Streaming
 from companion.timesync import TimeSync
 
@@ -59,42 +57,6 @@ OUTDATED = frozenset(
     }
 )
 """Not sent when they are made of old samples."""
-
-
-@dataclass(frozen=True)
-class Status:
-    """What the status line shows."""
-
-    health: Health
-    reason: str
-    vehicle: str
-    altitude_amsl_m: float
-    altitude_sd_m: float
-    protection_level_m: float
-    climb_mps: float
-    rates_hz: dict[str, float]
-    """of each sensor kind and of our ALTITUDE, since the last status"""
-    link: str
-    traffic: dict[str, dict[str, dict[str, float]]]
-    """of each link and sender: frames, lost, jitter_s"""
-    rejected: dict[str, int]
-    """bad input by cause"""
-    round_trip_s: float
-    """of TIMESYNC to the vehicle and back; NaN before its first answer"""
-    age_s: float
-    """of the newest time stamp of the vehicle; NaN before its first answer to TIMESYNC"""
-
-
-class Text(NamedTuple):
-    """A STATUSTEXT."""
-
-    time_us: int
-    """when it was heard or sent, host's clock"""
-    who: str
-    """vehicle or Kollsman"""
-    severity: int
-    """MAV_SEVERITY"""
-    text: str
 
 
 class Service:
@@ -151,9 +113,7 @@ class Service:
             self.pipeline.identity.resume(follows, clock.now_us())
         self.pipeline.on_own_ids(self._own_ids_heard)
         self.pipeline.commands.store = self._store_air
-        self._air_store = AirStore([link.url])
-        self._air_store.restore(self.pipeline.air, settings.air)
-        self.timesync = TimeSync()
+        self._start(clock.now_us())
         self._checkpoint = checkpoint
         is_first = checkpoint is not None and earlier is None
         self._resumption = checkpoint.restore(self.pipeline) if checkpoint and is_first else None
@@ -162,10 +122,12 @@ class Service:
         self._recorder = recorder
         self._recent: deque[bytes] = deque(maxlen=256)
         self._foreign_heartbeats = 0
-        self._start(clock.now_us())
 
     def _start(self, start_us: int) -> None:
-        """Every instant of the host's clock is `start_us`."""
+        """What was kept is restored, and every instant of the host's clock is `start_us`."""
+        self.timesync = TimeSync()
+        self._air_store = AirStore([self.link.url])
+        self._air_store.restore(self.pipeline.air, self.settings.air)
         self._start_us = start_us
         self._traffic = Traffic()
         self._backlog = Backlog()

@@ -15,7 +15,7 @@ PREFLIGHT_STORAGE              param1 1 keeps the parameters ``AIR_...`` for the
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from companion import __version__
 from companion.mavlink.codec import Message, mavlink
@@ -52,28 +52,6 @@ ACCEPTED, DENIED, UNSUPPORTED, FAILED = (
 )
 
 
-class Sent:
-    """The newest of each message that we sent."""
-
-    def __init__(self) -> None:
-        self._newest: dict[tuple[int, str], tuple[int, Message]] = {}
-
-    def note(self, message: Message, host_us: int) -> None:
-        """Remember `message`, sent at `host_us`."""
-        number = message.id
-        if number in ON_REQUEST:
-            name = message.name if number == NAMED_VALUE_FLOAT else ""
-            self._newest[number, str(name)] = (host_us, message)
-
-    def newest(self, message_id: int, host_us: int) -> list[Message]:
-        """The last one, of NAMED_VALUE_FLOAT of each name; none that is older than two seconds."""
-        return [
-            message
-            for (number, _), (sent_us, message) in self._newest.items()
-            if number == message_id and abs(host_us - sent_us) <= FRESH_US
-        ]
-
-
 class Commands:
     """Answers COMMAND_LONG and COMMAND_INT.
 
@@ -82,11 +60,19 @@ class Commands:
     intervals : message id -> interval in microseconds, of what we send at a rate.
     """
 
-    def __init__(self, sent: Sent, intervals: dict[int, int]) -> None:
-        self._sent = sent
+    def __init__(self, intervals: dict[int, int]) -> None:
         self._intervals = intervals
+        self._newest: dict[tuple[int, str], tuple[int, Message]] = {}
         self.store: Callable[[bool], bool] = lambda _: False
         """keeps the parameters (True) or forgets them (False); whether that worked"""
+
+    def sent(self, messages: Iterable[Message], host_us: int) -> None:
+        """Remember what was sent at `host_us`, the newest of each message and name."""
+        for message in messages:
+            number = message.id
+            if number in ON_REQUEST:
+                name = message.name if number == NAMED_VALUE_FLOAT else ""
+                self._newest[number, str(name)] = (host_us, message)
 
     def answer(self, command: Message, asker: tuple[int, int], host_us: int) -> list[Message]:
         """COMMAND_ACK, and what was requested."""
@@ -110,7 +96,11 @@ class Commands:
             return ACCEPTED, [self._interval(command.param2)]
         if command.param1 not in ON_REQUEST:
             return UNSUPPORTED, []
-        newest = self._sent.newest(int(command.param1), host_us)
+        newest = [
+            message
+            for (number, _), (sent_us, message) in self._newest.items()
+            if number == command.param1 and abs(host_us - sent_us) <= FRESH_US
+        ]
         return (ACCEPTED if newest else DENIED), newest
 
     def _interval(self, message_id: float) -> Message:

@@ -118,18 +118,18 @@ class AdaptiveFusionSettings(EstimatorSettings):
     """Section ``estimators.adaptive-fusion``."""
 
     gain: Literal["adaptive", "fixed"] = "adaptive"
-    """the paper's two filters"""
+    """which of the paper's two filters: adaptive or fixed gain"""
     baro_variance_m2: float = Field(81.0, gt=0, le=1e6)
-    """R_B: variance of the barometer height"""
+    """variance of the barometer height (R_B)"""
     gnss_variance_m2: Annotated[float, Field(gt=0, le=1e6)] | Literal["claimed"] = "claimed"
-    """R_GPS: a number (the paper has 169), or as the receiver claims"""
+    """variance of a GNSS height (R_GPS): a number (the paper has 169), or claimed: from the
+    reported accuracy"""
     gnss_sd_floor_m: float = Field(1.0, gt=0, le=100)
-    """a claimed spread below this is not believed"""
+    """least standard deviation of a GNSS height; a smaller reported accuracy is raised to it"""
     gnss_sd_unknown_m: float = Field(13.0, gt=0, le=1000)
-    """spread of a receiver that claims nothing"""
+    """standard deviation of a GNSS height whose receiver reports no accuracy"""
     pressure_drift_mps: float = Field(0.01, ge=0, le=10)
-    """how fast weather may move the pressure level while there is no fix: .01 m/s is 4 hPa an
-    hour"""
+    """drift of the pressure level by weather between fixes: .01 m/s is 4 hPa an hour"""
 
     def derived(self) -> Mapping[str, Any]:
         """The letters of the paper."""

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
+    from companion.jobs import Done
     from sim.studies.goals.section import SectionPage
-    from sim.studies.runs import Done
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from companion.jobs import results
 from companion.settings import CompanionSettings
 from sim.scenario import load_scenario
 from sim.studies.goals import Context
@@ -18,7 +19,7 @@ from sim.studies.goals.fault_flights import fly as fly_faults
 from sim.studies.goals.goals import Measured
 from sim.studies.goals.section import SectionPage
 from sim.studies.page import Value
-from sim.studies.runs import flown, results
+from sim.studies.runs import flown
 
 Row = dict[str, Any]
 RECORDED = ("jsbsim_A", "jsbsim_B", "ardupilot_nominal", "ardupilot_weather")

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from companion.estimators import DEFAULT_ESTIMATOR
+from companion.jobs import Row, results
 from sim.studies.goals import Context
 from sim.studies.goals.goals import Measured
 from sim.studies.goals.section import SectionPage
@@ -17,7 +18,6 @@ from sim.studies.real.faults import try_all, windows
 from sim.studies.real.gnss_errors import logs
 from sim.studies.real.low_rates import fly_slow, slow_flights
 from sim.studies.real.matrix import Cell, cells, fly, group, traces_in
-from sim.studies.runs import Row, results
 
 LONG_MIN = 30.0
 """flights that are shorter have too few independent errors to be compared with raw GNSS"""

@@ -9,6 +9,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -144,19 +145,13 @@ def _serve(
         page = _live_page(settings.http, stack, output, as_json=as_json)
         warm_up(settings)
         keeper = Checkpoint(settings.checkpoint, [opened.url], fingerprint(settings))
+        build = partial(
+            Service, opened, settings, clock, recorder=recorder, checkpoint=keeper, signing=signing
+        )
         lines: StatusLine | None = None
 
         def make() -> Service:
-            earlier = lines.service if lines is not None else None
-            return Service(
-                opened,
-                settings,
-                clock,
-                recorder=recorder,
-                checkpoint=keeper,
-                earlier=earlier,
-                signing=signing,
-            )
+            return build(earlier=lines.service if lines is not None else None)
 
         def run_one(service: Service) -> None:
             nonlocal lines

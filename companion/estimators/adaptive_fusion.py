@@ -33,11 +33,11 @@ Departures
   barometer height at the fix's own time, interpolated, since a fix arrives late.
 - Geometric height of the full standard atmosphere instead of (1), which is its troposphere in
   geopotential metres.
-- ``gnss_variance_m2``: the paper's constant 169 m2, or the variance that the receiver claims
+- ``gnss_variance_m2``: the paper's constant 169 m2, or the reported variance
   (default).
 - The estimate's ``altitude_sd_m`` is not sqrt(P). When (28) fires, the estimate is exactly h^GPS -
   R_GPS / Delta, with mean square error about R_GPS + 3 R_GPS^2 / Delta^2: above plain GPS, never
-  below it as P claims. When it does not fire the error is that of (13) plus the unexplained part of
+  below it as P says. When it does not fire the error is that of (13) plus the unexplained part of
   (1-K) Delta. It grows while there is no fix, at the rate that weather can move the pressure level.
 - Climb is the slope of the barometer height, smoothed over one second; the paper has none.
 - A fix without a barometer height within two seconds of it is taken as it is: GNSS height alone,

@@ -1,4 +1,4 @@
-"""The vehicle's own estimate, for ATTITUDE, GLOBAL_POSITION_INT and HOME_POSITION: believable,
+"""The vehicle's own estimate, for ATTITUDE, GLOBAL_POSITION_INT and HOME_POSITION: plausible,
 simple, and not truth.
 
 Height follows the barometer alone, as ArduPilot's EKF3 does by default: its AMSL origin is one

@@ -1,4 +1,4 @@
-"""The vertical bank held against the goals of issue 5, beside every other estimator: `kollsman-sim
+"""The vertical bank held against its goals, beside every other estimator: `kollsman-sim
 evaluate`.
 
 `SECTIONS` is the table that the command line and the tests read. A section is one module in

@@ -39,7 +39,7 @@ class CompanionSettings(Settings):
     """companion.yaml."""
 
     estimator: Literal[tuple(ESTIMATORS)] = DEFAULT_ESTIMATOR  # type: ignore[valid-type]
-    """which one; `kollsman estimators` lists them"""
+    """name of the estimator; `kollsman estimators` lists them"""
     vehicle: VehicleSettings = VehicleSettings()
     identity: IdentitySettings = IdentitySettings()
     intake: IntakeSettings = IntakeSettings()

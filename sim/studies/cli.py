@@ -39,6 +39,16 @@ Examples:
 """
 
 
+EstimatorsOption = Annotated[
+    list[str] | None,
+    typer.Option("--estimator", help="Estimator to run; repeatable. Default: all.", metavar="E"),
+]
+WorkersOption = Annotated[
+    int | None,
+    typer.Option(min=1, help="Number of processes. Default: one for each core.", metavar="N"),
+]
+
+
 def campaign(
     scenarios: Annotated[
         list[str], typer.Argument(help="Names of scenarios, or paths of .yaml files.")
@@ -47,14 +57,8 @@ def campaign(
     seeds: Annotated[
         int, typer.Option(min=1, help="Flights of each scenario, with seeds 1 to N.")
     ] = 10,
-    estimator: Annotated[
-        list[str] | None,
-        typer.Option(help="Estimator to run; repeatable. Default: all.", metavar="E"),
-    ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(min=1, help="Number of processes. Default: one for each core.", metavar="N"),
-    ] = None,
+    estimator: EstimatorsOption = None,
+    workers: WorkersOption = None,
     scheduler: Annotated[
         str | None,
         typer.Option(
@@ -123,14 +127,8 @@ def gallery(
         ),
     ] = None,
     *,
-    estimator: Annotated[
-        list[str] | None,
-        typer.Option(help="Estimator to run; repeatable. Default: all.", metavar="E"),
-    ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(min=1, help="Number of processes. Default: one for each core.", metavar="N"),
-    ] = None,
+    estimator: EstimatorsOption = None,
+    workers: WorkersOption = None,
     out: Annotated[
         Path, typer.Option(help="Folder of the page and figures.", metavar="DIR")
     ] = Path("docs/gallery"),

@@ -19,7 +19,8 @@ LinkArgument = Annotated[
     ),
 ]
 EstimatorOption = Annotated[
-    str | None, typer.Option(help="In place of the configuration's.", metavar="NAME")
+    str | None,
+    typer.Option(help="Estimator; replaces the one of the configuration.", metavar="NAME"),
 ]
 ConfigOption = Annotated[
     Path | None,
@@ -32,7 +33,9 @@ ConfigOption = Annotated[
 SetOption = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", help="Another value, for this run; repeatable.", metavar="SECTION.KEY=VALUE"
+        "--set",
+        help="Set a key of the configuration for this run; repeatable.",
+        metavar="SECTION.KEY=VALUE",
     ),
 ]
 

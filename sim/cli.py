@@ -332,6 +332,14 @@ def reproduce(
     seed_root: Annotated[
         int, typer.Option(min=0, help="Another number draws other random numbers.", metavar="N")
     ] = 0,
+    check_root: Annotated[
+        list[int] | None,
+        typer.Option(
+            min=0,
+            help="Repeat with this seed root too, and say which verdicts it changes (repeatable).",
+            metavar="N",
+        ),
+    ] = None,
     out: Annotated[
         Path, typer.Option(help="Folder of the pages and figures.", metavar="DIR")
     ] = Path("out/papers"),
@@ -343,9 +351,13 @@ def reproduce(
 
     from sim.studies.page import SEED_ROOT
     from sim.studies.papers import PAPERS
+    from sim.studies.papers.luck import draw_again
     from sim.studies.papers.page import summary
 
     SEED_ROOT.set(seed_root)
+    roots = list(dict.fromkeys(check_root or []))
+    if seed_root in roots:
+        raise _usage(f"--check-root {seed_root} is the page's own seed root: give another number")
 
     keys = list(dict.fromkeys(key.upper() for key in papers or PAPERS))
     unknown = [key for key in keys if key not in PAPERS]
@@ -358,9 +370,11 @@ def reproduce(
             task = bar.add_task(paper.slug, total=1.0)
             report = partial(_report_share, bar, task, paper.slug)
             page = paper.reproduce(seeds or paper.seeds, out, report)
+            draw_again(paper, page, roots, report)
             path = page.write()
             report(1.0, "done")
-            print(f"{key}  {path}  {page.seeds} seeds: {summary(page.counts)}")
+            luck = f"; {len(page.lucky)} depend on luck" if roots else ""
+            print(f"{key}  {path}  {page.seeds} seeds: {summary(page.counts)}{luck}")
 
 
 app.command(epilog=evaluation.EXAMPLES)(evaluation.evaluate)

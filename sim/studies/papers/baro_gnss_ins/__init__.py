@@ -43,7 +43,7 @@ from sim.studies.papers.baro_gnss_ins.states import (
 from sim.studies.papers.page import Page
 
 
-def reproduce(seeds: int, out: Path, progress: Progress) -> Page:
+def reproduce(seeds: int, out: Path | None, progress: Progress) -> Page:
     """The page of paper R."""
     page = Page("R", seeds, out)
     page.text(

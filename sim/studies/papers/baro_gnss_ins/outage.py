@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from companion.estimators.baro_gnss_ins import METHOD
 from companion.estimators.baro_gnss_ins.strapdown import transition
 from companion.estimators.method import run_log
+from companion.plots.style import BOUND, FUSED, GNSS, INERTIAL
 from companion.samples import Kind, Rows, SampleLog, sample
-from sim.studies.page import BOUND, FUSED, GNSS, INERTIAL, spread
+from sim.studies.page import spread
 from sim.studies.papers.baro_gnss_ins.formulas import SECOND_US, pressures_pa
 from sim.studies.papers.page import Page, Row, below, holds
 

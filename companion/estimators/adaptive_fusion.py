@@ -257,7 +257,7 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
 def on_air(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     """p_0 and T_0 of (31), from the setting of the altimeter. A temperature alone is IGNORED."""
     s = state[0]
-    verdict = admit_setting(state, sample)
+    verdict = admit_setting(state, sample, False)
     if verdict != USED:
         return verdict
     note_air(s.setting, sample, not math.isnan(s.level_m))

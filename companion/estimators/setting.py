@@ -84,8 +84,7 @@ def judge_air(state: Rows, sample: Rows) -> int:
     INVALID."""
     if not 0 <= sample[0].instance < MAX_INSTANCES:
         return INVALID
-    has_temperature = LOWEST_AIR_K <= sample[0].air_temperature_k <= HIGHEST_AIR_K
-    if not has_temperature and not has_setting(sample):
+    if not has_temperature(sample) and not has_setting(sample):
         return INVALID
     return STALE if is_stale(state, AIR, sample[0].instance, sample[0].time_us) else USED
 
@@ -100,15 +99,23 @@ def has_setting(sample: Rows) -> bool:
 
 
 @step
-def admit_setting(state: Rows, sample: Rows) -> int:
+def has_temperature(sample: Rows) -> bool:
+    """Whether an AIR sample tells a possible air temperature."""
+    return LOWEST_AIR_K <= sample[0].air_temperature_k <= HIGHEST_AIR_K
+
+
+@step
+def admit_setting(state: Rows, sample: Rows, warms: bool) -> int:
     """The verdict, counted, of an AIR sample for an estimator that uses a setting of the altimeter:
-    USED when it tells one, IGNORED when it tells a temperature alone."""
+    USED when it tells one, or a temperature while the estimator uses that (`warms`); IGNORED when
+    it tells a temperature alone otherwise."""
     if sample[0].instance != 0:
         return tally(state, AIR, IGNORED)
     verdict = judge_air(state, sample)
     if verdict == USED:
         place(state, AIR, 0, sample[0].time_us)
-        verdict = USED if has_setting(sample) else IGNORED
+        wanted = has_setting(sample) or (warms and has_temperature(sample))
+        verdict = USED if wanted else IGNORED
     return tally(state, AIR, verdict)
 
 
@@ -126,7 +133,7 @@ def note_air(setting: Record, sample: Rows, in_flight: bool) -> bool:
         sample[0].air_temperature_k,
     )
     knows_field = LOWEST_FIELD_M <= elevation <= HIGHEST_FIELD_M
-    warms = LOWEST_AIR_K <= air_k <= HIGHEST_AIR_K and (knows_field or not in_flight)
+    warms = has_temperature(sample) and (knows_field or not in_flight)
     if LOWEST_QNH_PA <= qnh <= HIGHEST_QNH_PA:
         if qnh == setting.qnh_pa and not (warms and air_k != setting.air_k):
             return False

@@ -21,7 +21,8 @@ class InputSettings(EstimatorSettings):
     start_temperature_k: Annotated[float, Field(gt=150, le=350)] | Literal["standard", "die"] = (
         "standard"
     )
-    """air temperature at the start: a number, the standard atmosphere's, or the sensor die's less
+    """air temperature at the start in kelvin. standard: as told before the start (section air,
+    HYGROMETER_SENSOR), else the standard atmosphere's; die: as told, else the sensor die's less
     die_excess_k"""
     die_excess_k: float = Field(20.0, ge=0, le=60)
     """how much warmer the sensor is than the air"""

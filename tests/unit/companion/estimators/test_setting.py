@@ -259,3 +259,19 @@ def test_another_reference_height_is_the_same_error() -> None:
     rows[:, 0] -= 500.0
     np.testing.assert_allclose(rows @ error.x, before)
     np.testing.assert_allclose(np.einsum("ij,jk,ik->i", rows, error.P, rows), spread_before)
+
+
+@pytest.mark.parametrize("name", ["damping-loop", "baro-ins-kf"])
+def test_the_baro_inertial_filters_take_the_air_temperature_of_the_start(name: str) -> None:
+    """s of (2) from an AIR sample before the start; later ones are IGNORED."""
+    running = Filter(ESTIMATORS[name])
+    field_k = T0_K + WARMER_K + L0_KPM * FIELD_M
+    field_pa = warm_pressure_pa(geopotential_m(FIELD_M))
+    assert running.step(Kind.AIR, air(900_000, air_temperature_k=field_k)) is Verdict.USED
+    running.step(Kind.AIR, set_at_field())
+    running.step(Kind.PRESSURE, sample(Kind.PRESSURE, 1_000_000, pressure_pa=field_pa))
+    level_m = pressure_altitude_m(field_pa)
+    inputs = running.state[0]["inputs"]
+    assert inputs["scale"] == pytest.approx(field_k / (T0_K + L0_KPM * level_m) - 1.0)
+    assert running.step(Kind.AIR, air(1_100_000, air_temperature_k=250.0)) is Verdict.IGNORED
+    assert inputs["start_air_k"] == field_k

@@ -8,7 +8,13 @@ from numpy.typing import NDArray
 from companion.plots.style import BOUND, FUSED, INERTIAL, OTHER
 from sim.studies.page import spread
 from sim.studies.papers.page import Page, Row, below, holds
-from sim.studies.papers.robust_altimeter.altimeter_errors import ALTIMETERS, BIASED, T_D_S, simulate
+from sim.studies.papers.robust_altimeter.altimeter_errors import (
+    ALTIMETERS,
+    BIASED,
+    T_D_S,
+    Result,
+    simulate,
+)
 from sim.studies.papers.robust_altimeter.models import TABLE_1, TABLE_1_ROBUST
 
 Array = NDArray[np.float64]
@@ -113,6 +119,11 @@ def add_lock_out(page: Page, draws: Array) -> None:
         ],
         ("robust, as printed", f"robust, re-acquires after {PATIENCE_S:g} s", "optimal"),
     )
+    _draw_lock_out(page, optimal, ours, printed)
+
+
+def _draw_lock_out(page: Page, optimal: Result, ours: Result, printed: Result) -> None:
+    """Error and probability of IIG in the first run."""
     time_s = T_D_S * np.arange(LONG)
     with page.figure(
         "lock-out",

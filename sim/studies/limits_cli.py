@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-EXAMPLES = """\\b
+EXAMPLES = """\b
 Examples:
   kollsman-sim limits
   kollsman-sim limits --out docs/evaluation

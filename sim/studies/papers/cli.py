@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Bar
     from rich.progress import TaskID
 
-EXAMPLES = """\\b
+EXAMPLES = """\b
 Examples:
   kollsman-sim reproduce
   kollsman-sim reproduce H W --check-root 1 --check-root 2

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="kollsman-sim",
-    help="JSBSim flies a real aircraft model through weather and speaks MAVLink as an autopilot "
-    "would.",
+    help="Simulate a MAVLink autopilot: JSBSim flies an aircraft model through weather.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,

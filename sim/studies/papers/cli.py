@@ -29,10 +29,15 @@ def reproduce(
     *,
     seeds: Annotated[
         int | None,
-        typer.Option(min=2, help="Monte-Carlo runs a paper. Default: each paper's own number."),
+        typer.Option(
+            min=2, help="Number of Monte-Carlo runs of each paper. Default: each paper's own."
+        ),
     ] = None,
     seed_root: Annotated[
-        int, typer.Option(min=0, help="Another number draws other random numbers.", metavar="N")
+        int,
+        typer.Option(
+            min=0, help="Root of all seeds; another root draws other random numbers.", metavar="N"
+        ),
     ] = 0,
     check_root: Annotated[
         list[int] | None,

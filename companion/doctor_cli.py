@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from companion.common_cli import ConfigOption, resolve_settings, say_if_compiling
+from companion.common_cli import ConfigOption, LinkArgument, resolve_settings, say_if_compiling
 from companion.output import Output
 
 DOCTOR_EXAMPLES = """\b

@@ -30,9 +30,9 @@ from companion.pipeline import Pipeline
 logger = logging.getLogger("kollsman.checkpoint")
 
 MAGIC = b"kollsman checkpoint 1\n"
-PARTS = ("identity", "intake", "health", "outputs", "heard", "_imu", "_scaled_pressure_us")
+PARTS = ("identity", "intake", "health", "outputs", "heard", "readings")
 """Attributes of the pipeline that continue, besides the estimator's state."""
-OPTIONAL_PARTS = ("checker", "texts", "_source", "air")
+OPTIONAL_PARTS = ("checker", "announcements", "air")
 STANDARD_CLASSES = frozenset(
     {
         ("collections", "Counter"),

@@ -27,7 +27,8 @@ from companion.logs import LogWriter
 from companion.mavlink.codec import Frame, Message, decode, mavlink, scan
 from companion.mavlink.identity import Origin, autopilot_name
 from companion.notices import notice
-from companion.pipeline import Observer, Pipeline
+from companion.observer import Observer
+from companion.pipeline import Pipeline
 from companion.samples import Kind, Packet
 from companion.settings import CompanionSettings
 from companion.streaming import Streaming

@@ -14,6 +14,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 STANDARD = (0, 1, 2)
+DATE_FORMAT = "%Y-%m-%d %H:%M:%S"
 
 
 def open_standard_descriptors() -> None:
@@ -64,12 +65,12 @@ class Output:
         """Write `text`, or drop it when the descriptor does not take it now."""
         data = text.encode("utf-8", "replace")
         try:
-            if select.select([], [self.descriptor], [], 0.0)[1]:
-                os.write(self.descriptor, data[: select.PIPE_BUF])
-                return
+            while data and select.select([], [self.descriptor], [], 0.0)[1]:
+                data = data[os.write(self.descriptor, data[: select.PIPE_BUF]) :]
         except (OSError, ValueError):
             pass
-        self.dropped += 1
+        if data:
+            self.dropped += 1
 
 
 class LogHandler(logging.Handler):
@@ -78,6 +79,11 @@ class LogHandler(logging.Handler):
     def __init__(self, output: Output) -> None:
         super().__init__()
         self._output = output
+
+    @property
+    def is_terminal(self) -> bool:
+        """Whether the lines appear on a terminal."""
+        return self._output.is_terminal
 
     def emit(self, record: logging.LogRecord) -> None:
         try:
@@ -115,18 +121,23 @@ def timestamp(unix_s: float) -> str:
     return datetime.fromtimestamp(unix_s, UTC).isoformat(timespec="milliseconds")
 
 
-def set_up_logging(level: int, *, as_json: bool = False) -> None:
-    """Send log records to standard error: as text, as JSON lines, or in the journal's form."""
+def set_up_logging(level: int) -> None:
+    """Send log records to standard error: as text, or in the journal's form."""
     handler = LogHandler(Output(2))
-    if as_json:
-        handler.setFormatter(JsonFormatter())
-    elif os.environ.get("JOURNAL_STREAM"):
+    if os.environ.get("JOURNAL_STREAM"):
         handler.setFormatter(JournalFormatter())
     else:
         handler.setFormatter(
-            logging.Formatter("%(asctime)s %(name)s: %(message)s", datefmt="%H:%M:%S")
+            logging.Formatter("%(asctime)s %(name)s: %(message)s", datefmt=DATE_FORMAT)
         )
     root = logging.getLogger()
     root.handlers = [each for each in root.handlers if not isinstance(each, LogHandler)]
     root.addHandler(handler)
     root.setLevel(level)
+
+
+def use_json() -> None:
+    """Write log records as JSON objects from now on."""
+    for handler in logging.getLogger().handlers:
+        if isinstance(handler, LogHandler):
+            handler.setFormatter(JsonFormatter())

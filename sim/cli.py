@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from companion.common_cli import Commands
 from companion.errors import KollsmanError
 from companion.log_cli import ExpectOption, JunitOption, hold_log
 from sim.flight_cli import DemoTable, print_summary, run_with_progress
@@ -26,10 +27,10 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="kollsman-sim",
+    cls=Commands,
     help="JSBSim flies a real aircraft model through weather and speaks MAVLink as an autopilot "
     "would.",
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
@@ -118,6 +119,26 @@ _FlavourOption = Annotated[
         metavar="AUTOPILOT",
     ),
 ]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from companion import __version__
+
+        print(f"kollsman-sim {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    *,
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_version, is_eager=True, help="Show the version and exit."
+        ),
+    ] = False,
+) -> None: ...
 
 
 @app.command(epilog=_FLY_EXAMPLES)

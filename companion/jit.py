@@ -198,16 +198,16 @@ numba.config.CACHE_LOCATOR_CLASSES = f"{__name__}.CacheLocator,UserProvidedCache
 
 
 class _Compilations(event.Listener):  # type: ignore[misc]
-    """Counts the functions that were compiled, not those that the cache had."""
+    """Counts the functions that are compiled, not those that the cache has."""
 
     def __init__(self) -> None:
         self.count = 0
 
     def on_start(self, event: Any) -> None:
-        """Nothing is done yet."""
+        self.count += 1
 
     def on_end(self, event: Any) -> None:
-        self.count += 1
+        """It was counted when it began."""
 
 
 _COMPILATIONS = _Compilations()
@@ -215,7 +215,7 @@ event.register("numba:compile", _COMPILATIONS)
 
 
 def compiled_functions() -> int:
-    """How many functions this process has compiled."""
+    """How many functions this process has compiled, or begun to."""
     return _COMPILATIONS.count
 
 

@@ -49,6 +49,7 @@ class Output:
         self.descriptor = descriptor
         self.dropped = 0
         """lines that could not be written"""
+        self._writes_to = _unblocked(descriptor)
 
     @property
     def is_terminal(self) -> bool:
@@ -65,12 +66,24 @@ class Output:
         """Write `text`, or drop it when the descriptor does not take it now."""
         data = text.encode("utf-8", "replace")
         try:
-            while data and select.select([], [self.descriptor], [], 0.0)[1]:
-                data = data[os.write(self.descriptor, data[: select.PIPE_BUF]) :]
+            while data and select.select([], [self._writes_to], [], 0.0)[1]:
+                data = data[os.write(self._writes_to, data[: select.PIPE_BUF]) :]
         except (OSError, ValueError):
             pass
         if data:
             self.dropped += 1
+
+
+def _unblocked(descriptor: int) -> int:
+    """A terminal opened anew, so that writing never waits for it: it says that it takes bytes, and
+    then waits until it has taken all of them. Elsewhere `descriptor` itself."""
+    try:
+        if os.isatty(descriptor):
+            flags = os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY
+            return os.open(os.ttyname(descriptor), flags)
+    except OSError:  # a terminal of another container has no name here
+        pass
+    return descriptor
 
 
 class LogHandler(logging.Handler):

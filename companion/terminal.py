@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console, Group, RenderableType
+from rich.highlighter import NullHighlighter
 from rich.live import Live
 from rich.logging import RichHandler
 from rich.spinner import Spinner
@@ -59,7 +60,11 @@ class ScreenHandler(RichHandler):
     def __init__(self, console: Console) -> None:
         stamp = f"[{DATE_FORMAT}]"
         super().__init__(
-            console=console, show_path=False, omit_repeated_times=False, log_time_format=stamp
+            console=console,
+            show_path=False,
+            omit_repeated_times=False,
+            log_time_format=stamp,
+            highlighter=NullHighlighter(),  # the default one takes half a second for a long line
         )
         self.setFormatter(logging.Formatter("%(name)s: %(message)s"))
 

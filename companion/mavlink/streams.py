@@ -27,14 +27,14 @@ class StreamSettings(Settings):
     nothing."""
 
     request: bool = True
-    """request messages with SET_MESSAGE_INTERVAL, watch the rates that arrive, request again when
-    they fall short; nothing is saved in the vehicle"""
+    """whether message rates are requested with SET_MESSAGE_INTERVAL, measured, and requested again
+    when they fall short; nothing is saved in the vehicle"""
     data_stream: Literal["auto", "always", "never"] = "auto"
-    """REQUEST_DATA_STREAM where SET_MESSAGE_INTERVAL is refused or ignored; auto: not on ArduPlane,
-    which saves these rates to its parameters"""
+    """when REQUEST_DATA_STREAM is sent, where SET_MESSAGE_INTERVAL is refused or ignored; auto: not
+    to ArduPlane, which saves these rates to its parameters"""
     link_bytes_per_s: float | None = Field(None, gt=0)
-    """bytes per second that the link carries, for example 3000 over a telemetry radio; default: by
-    the baud rate of a serial port, unlimited elsewhere"""
+    """capacity of the link, for example 3000 over a telemetry radio; default: by the baud rate of a
+    serial port, unlimited elsewhere"""
     pressure_hz: float = Field(20.0, ge=0, le=200)
     """rate of SCALED_PRESSURE"""
     gnss_hz: float = Field(5.0, ge=0, le=50)

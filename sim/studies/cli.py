@@ -16,8 +16,8 @@ from companion.log_cli import ExpectOption, JunitOption, conclude
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from companion.jobs import Row
     from companion.replay.expect import Expectation
-    from sim.studies.runs import Row
 
 FEEDBACK_EXAMPLES = """\b
 Examples:

@@ -28,15 +28,14 @@ VerboseOption = Annotated[
         "-v",
         count=True,
         show_default=False,
-        help="Log more; -vv: also what the libraries log.",
+        help="Log in more detail; -vv: the libraries too.",
     ),
 ]
-QuietOption = Annotated[
-    bool, typer.Option("--quiet", "-q", help="Say only what is wrong: warnings and errors.")
-]
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Show only warnings and errors.")]
 
 EstimatorOption = Annotated[
-    str | None, typer.Option(help="In place of the configuration's.", metavar="NAME")
+    str | None,
+    typer.Option(help="Estimator; replaces the one of the configuration.", metavar="NAME"),
 ]
 ConfigOption = Annotated[
     Path | None,
@@ -49,7 +48,9 @@ ConfigOption = Annotated[
 SetOption = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", help="Another value, for this run; repeatable.", metavar="SECTION.KEY=VALUE"
+        "--set",
+        help="Set a key of the configuration for this run; repeatable.",
+        metavar="SECTION.KEY=VALUE",
     ),
 ]
 

@@ -240,13 +240,13 @@ def doctor(
     *,
     config: ConfigOption = None,
     seconds: Annotated[
-        float, typer.Option(min=1, max=3600, help="How long to listen.", metavar="S")
+        float, typer.Option(min=1, max=3600, help="Time to listen, s.", metavar="S")
     ] = 15.0,
-    as_json: Annotated[bool, typer.Option("--json", help="The findings as JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
-    """Listen to a vehicle for some seconds: what is heard, what is missing, which parameter to set.
+    """Listen to a vehicle, and report what is heard, what is missing and which parameter to set.
 
-    Ends with 1 when something is wrong.
+    Exit code 1 when something is wrong.
     """
     from companion.terminal import starting
 

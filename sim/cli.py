@@ -28,8 +28,7 @@ if TYPE_CHECKING:
 app = typer.Typer(
     name="kollsman-sim",
     cls=Commands,
-    help="JSBSim flies a real aircraft model through weather and speaks MAVLink as an autopilot "
-    "would.",
+    help="Simulate a MAVLink autopilot: JSBSim flies an aircraft model through weather.",
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -134,9 +133,7 @@ def _options(
     *,
     version: Annotated[
         bool,
-        typer.Option(
-            "--version", callback=_version, is_eager=True, help="Show the version and exit."
-        ),
+        typer.Option("--version", callback=_version, is_eager=True, help="Show version and exit."),
     ] = False,
 ) -> None: ...
 
@@ -348,10 +345,15 @@ def reproduce(
     *,
     seeds: Annotated[
         int | None,
-        typer.Option(min=2, help="Monte-Carlo runs a paper. Default: each paper's own number."),
+        typer.Option(
+            min=2, help="Number of Monte-Carlo runs of each paper. Default: each paper's own."
+        ),
     ] = None,
     seed_root: Annotated[
-        int, typer.Option(min=0, help="Another number draws other random numbers.", metavar="N")
+        int,
+        typer.Option(
+            min=0, help="Root of all seeds; another root draws other random numbers.", metavar="N"
+        ),
     ] = 0,
     out: Annotated[
         Path, typer.Option(help="Folder of the pages and figures.", metavar="DIR")

@@ -99,6 +99,23 @@ def test_the_module_map_is_the_tree() -> None:
     assert set(listed) == tree
 
 
+def test_what_architecture_names_exists() -> None:
+    """Every file that its text names, and what "Where to find" says is in a file."""
+    text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8").split("## Module map")[0]
+    names = {f"/{name_of(path)}" for path in FILES} | {f"/{path}" for path in _tests()}
+    for path in set(re.findall(r"`([\w/]+\.py)`", text)):
+        assert "NAME" in path or any(name.endswith(f"/{path}") for name in names), path
+    table = text.split("## Where to find")[1].split("## The data path")[0]
+    for listed, path in re.findall(r"((?:`\w+`(?:, | and )?)+) in `([\w/]+\.py)`", table):
+        source = (ROOT / path).read_text(encoding="utf-8")
+        for name in re.findall(r"\w+(?=`)", listed):
+            assert re.search(rf"\b{name}\b", source), f"no {name} in {path}"
+
+
+def _tests() -> list[str]:
+    return [name_of(path) for path in (ROOT / "tests").rglob("*.py")]
+
+
 def test_compiled_code_has_explicit_loops() -> None:
     """NumPy's linear algebra and reductions need scipy when compiled and differ from it when
     not."""

@@ -22,6 +22,7 @@ from companion.common_cli import (
     compile_for,
     resolve_settings,
     set_up_saying,
+    version_option,
 )
 from companion.errors import ConfigError, KollsmanError
 from companion.output import (
@@ -61,23 +62,12 @@ Examples:
 """
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
-        from companion import __version__
-
-        print(f"kollsman {__version__}")
-        raise typer.Exit
-
-
 @app.callback()
 def _options(
     *,
     verbose: VerboseOption = 0,
     quiet: QuietOption = False,
-    version: Annotated[
-        bool,
-        typer.Option("--version", callback=_version, is_eager=True, help="Show version and exit."),
-    ] = False,
+    version: Annotated[bool, version_option("kollsman")] = False,
 ) -> None:
     set_up_saying(verbose, quiet=quiet)
 

@@ -2,6 +2,7 @@
 to."""
 
 import logging
+import sys
 import time
 from collections.abc import Iterable
 from pathlib import Path
@@ -80,6 +81,19 @@ def resolve_settings(
     if estimator is not None:
         settings = settings.with_changes(estimator=estimator)
     return settings.with_assignments(changes or [])
+
+
+def version_option(program: str) -> Any:
+    """The option ``--version`` of a program."""
+
+    def show(wanted: bool) -> None:
+        if wanted:
+            from companion import __version__
+
+            sys.stdout.write(f"{program} {__version__}\n")
+            raise typer.Exit
+
+    return typer.Option("--version", callback=show, is_eager=True, help="Show version and exit.")
 
 
 class Commands(TyperGroup):

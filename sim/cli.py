@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from companion.common_cli import Commands
+from companion.common_cli import Commands, version_option
 from companion.errors import KollsmanError
 from companion.log_cli import ExpectOption, JunitOption, hold_log
 from sim.flight_cli import DemoTable, print_summary, run_with_progress
@@ -120,21 +120,10 @@ _FlavourOption = Annotated[
 ]
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
-        from companion import __version__
-
-        print(f"kollsman-sim {__version__}")
-        raise typer.Exit
-
-
 @app.callback()
 def _options(
     *,
-    version: Annotated[
-        bool,
-        typer.Option("--version", callback=_version, is_eager=True, help="Show version and exit."),
-    ] = False,
+    version: Annotated[bool, version_option("kollsman-sim")] = False,
 ) -> None: ...
 
 

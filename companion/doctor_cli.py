@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from companion.common_cli import ConfigOption, LinkArgument, resolve_settings, say_if_compiling
+from companion.common_cli import ConfigOption, LinkArgument, compile_for, resolve_settings
 from companion.output import Output
 
 DOCTOR_EXAMPLES = """\b
@@ -29,16 +29,17 @@ def doctor(
 
     Exit code 1 when something is wrong.
     """
-    settings = resolve_settings(config, None)
-    say_if_compiling(settings.estimator)
+    from companion.terminal import starting
+
+    with starting(Output(2)) as shown:
+        settings = resolve_settings(config, None)
+        compile_for(settings, [settings.estimator], shown)
 
     from companion import doctor as examining
     from companion.clock import SystemClock
     from companion.links import open_link
-    from companion.warmup import warm_up
 
     clock, output = SystemClock(), Output()
-    warm_up(settings)
     opened = open_link(link, clock)
     with ExitStack() as stack:
         stack.callback(opened.close)

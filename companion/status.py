@@ -1,5 +1,6 @@
 """What the status line and the live page show of a service."""
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -24,9 +25,9 @@ class Status:
     """of each link and sender: frames, lost, jitter_s"""
     rejected: dict[str, int]
     """bad input by cause"""
-    round_trip_s: float
+    round_trip_s: float = math.nan
     """of TIMESYNC to the vehicle and back; NaN before its first answer"""
-    age_s: float
+    age_s: float = math.nan
     """of the newest time stamp of the vehicle; NaN before its first answer to TIMESYNC"""
 
 

@@ -177,6 +177,12 @@ class Pipeline:
         if observer is not None:
             self._wanted.add(SIM_STATE)
 
+    def listen(self, message_id: int, listener: Callable[[Message], None]) -> None:
+        """Call `listener` for every message of this id from the vehicle, in place of the one
+        before."""
+        self._listeners[message_id] = listener
+        self._wanted.add(message_id)
+
     def branch(self, observer: Observer) -> "Pipeline":
         """A second pipeline that goes on from here by itself, as if the packets differed from now
         on. It sends nothing.

@@ -10,7 +10,7 @@ Units
 -----
 SI everywhere; the suffix of a name is its unit: ``_m _mps _mps2 _radps _rad _deg _pa _k _s _us
 _hz``. A standard deviation is ``_sd_m``, a variance ``_var_m2``. Only three places convert units:
-``mavlink/convert.py`` (MAVLink), ``sim/aircraft.py`` (JSBSim) and ``config.py`` (YAML).
+``mavlink/convert.py`` (MAVLink), ``sim/aircraft.py`` (JSBSim) and ``config/`` (YAML).
 
 Time
 ----

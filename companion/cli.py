@@ -50,6 +50,12 @@ Examples:
   kollsman replay flight.tlog --config gains.yaml
 """
 
+KEY_EXAMPLES = """\b
+Examples:
+  kollsman key ~/.config/kollsman/signing.key
+  kollsman run /dev/ttyAMA0:921600 --set signing.key_file=~/.config/kollsman/signing.key
+"""
+
 
 def _version(wanted: bool) -> None:
     if wanted:
@@ -150,7 +156,7 @@ def check(
 
 
 def _keys_table() -> str:
-    from companion.config import keys as every_key
+    from companion.config.fields import keys as every_key
     from companion.settings import CompanionSettings
 
     lines = ["| key | default | unit | allowed | meaning |", "|---|---|---|---|---|"]
@@ -188,6 +194,24 @@ def warm_up_command() -> None:
     started_s = time.perf_counter()
     warm_up(settings)
     print(f"compiled in {time.perf_counter() - started_s:.1f} s")
+
+
+@app.command(epilog=KEY_EXAMPLES)
+def key(
+    path: Annotated[Path, typer.Argument(help="The file to make.", metavar="FILE")],
+) -> None:
+    """Make a file with a new key for MAVLink 2 signing; only its owner can read it.
+
+    The file holds a passphrase. Give the same one to the vehicle with a ground station:
+    QGroundControl (Application Settings, Telemetry, MAVLink 2 signing), Mission Planner (Setup,
+    Advanced, MAVLink signing) or MAVProxy (signing setup PASSPHRASE). Then set signing.key_file:
+    every message of Kollsman is signed, and messages that are unsigned, signed with another key, or
+    repeated are refused.
+    """
+    from companion.key_file import make_key
+
+    make_key(path)
+    print(f"wrote {path}; run: kollsman run LINK --set signing.key_file={path.absolute()}")
 
 
 def _tell(problem: str) -> None:

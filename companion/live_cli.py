@@ -7,7 +7,7 @@ import logging
 import math
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from companion.links import Link
     from companion.service import Service, Status
     from companion.settings import CompanionSettings
+    from companion.web.settings import HttpSettings
 
 RUN_EXAMPLES = """\b
 Examples:
@@ -36,6 +37,7 @@ Examples:
   A Pixhawk on USB, recorded:               kollsman run /dev/ttyACM0 --record flights/
   Autopilot and ground station, no router:
     kollsman run /dev/ttyAMA0:921600 --link udpout:192.168.1.20
+  With a page for a browser:                kollsman run udpin:0.0.0.0:14550 --http 8080
 """
 
 DOCTOR_EXAMPLES = """\b
@@ -78,6 +80,16 @@ def run(
             envvar="KOLLSMAN_RECORD",
         ),
     ] = None,
+    http: Annotated[
+        str | None,
+        typer.Option(
+            "--http",
+            help="Serve the live page, /metrics, /healthz and /api/state there, such as "
+            "127.0.0.1:8080; read-only. Default: not served.",
+            metavar="HOST:PORT",
+            envvar="KOLLSMAN_HTTP",
+        ),
+    ] = None,
     system_id: Annotated[
         int | None, typer.Option(min=1, max=255, help="Our system id; default: the vehicle's.")
     ] = None,
@@ -94,10 +106,11 @@ def run(
         set_up_logging(logging.getLogger().level, as_json=True)
     settings = resolve_settings(config, estimator, changes)
     say_if_compiling(settings.estimator)
-    settings = _with_options(settings, record, system_id, component_id)
+    settings = _with_options(settings, record, http, system_id, component_id)
 
     from companion.checkpoint import Checkpoint, fingerprint
     from companion.clock import SystemClock
+    from companion.key_file import open_signing
     from companion.links import open_links
     from companion.recording import Recording
     from companion.restarts import serve
@@ -105,11 +118,13 @@ def run(
     from companion.warmup import warm_up
 
     clock, output = SystemClock(), Output()
+    signing = open_signing(settings.signing)
     with ExitStack() as stack, _stop_signals() as stopped:
         opened = open_links([link, *(more or [])], clock)
         stack.callback(opened.close)
         path = settings.record.path
         recorder = stack.enter_context(Recording(path, settings.record)) if path else None
+        page = _live_page(settings.http, stack, output, as_json=as_json)
         warm_up(settings)
         keeper = Checkpoint(settings.checkpoint, [opened.url], fingerprint(settings))
         lines: StatusLine | None = None
@@ -117,20 +132,51 @@ def run(
         def make() -> Service:
             earlier = lines.service if lines is not None else None
             return Service(
-                opened, settings, clock, recorder=recorder, checkpoint=keeper, earlier=earlier
+                opened,
+                settings,
+                clock,
+                recorder=recorder,
+                checkpoint=keeper,
+                earlier=earlier,
+                signing=signing,
             )
 
         def run_one(service: Service) -> None:
             nonlocal lines
             lines = StatusLine(service, output, as_json=as_json)
             lines.ready(time.perf_counter() - started_s)
-            service.run(lambda: bool(stopped), lines.show)
+            service.run(lambda: bool(stopped), lines.show, page(service) if page else None)
 
         _drain(opened)
         serve(make, run_one, clock)
         stack.close()
         if lines is not None:
             lines.stopped(recorder)
+
+
+def _live_page(
+    settings: "HttpSettings", stack: ExitStack, output: Output, *, as_json: bool
+) -> "Callable[[Service], Callable[[], None]] | None":
+    """Serve the live page where the settings want one. What it returns takes a service, and gives
+    what to call after each turn of its loop."""
+    if settings.address is None:
+        return None
+    from companion.web.board import Board
+    from companion.web.server import WebServer
+    from companion.web.settings import read_address
+    from companion.web.snapshot import Snapshots
+
+    board, address = Board(), read_address(settings.address)
+    server = WebServer(address, board, settings.hosts)
+    stack.callback(server.close)
+    server.start()
+    if as_json:
+        head = {"time": timestamp(time.time()), "event": "http"}
+        output.line(json.dumps(head | {"url": server.url}))
+    else:
+        reach = "" if address.is_loopback else "; every machine that reaches this one can read it"
+        output.line(f"live page: {server.url}{reach}")
+    return lambda service: Snapshots(service, board).poll
 
 
 def _drain(link: "Link") -> None:
@@ -143,6 +189,7 @@ def _drain(link: "Link") -> None:
 def _with_options(
     settings: "CompanionSettings",
     record: str | None,
+    http: str | None,
     system_id: int | None,
     component_id: int | None,
 ) -> "CompanionSettings":
@@ -151,6 +198,8 @@ def _with_options(
     changes = {"identity": settings.identity.model_dump() | given}
     if record is not None:
         changes["record"] = settings.record.model_dump() | {"path": record}
+    if http is not None:
+        changes["http"] = settings.http.model_dump() | {"address": http}
     return settings.with_changes(**changes)
 
 

@@ -23,6 +23,7 @@ from companion.mavlink.identity import Identity, Origin
 from companion.mavlink.imu import ImuSelector
 from companion.mavlink.outputs import SEVERITY, Outputs, Source, heartbeat
 from companion.mavlink.parameters import Parameters
+from companion.mavlink.signing import Signing
 from companion.mavlink.texts import Allowance, StatusTexts
 from companion.recorded import Item, Sensed
 from companion.samples import Kind, Packet, Rows, Verdict
@@ -83,6 +84,7 @@ class Pipeline:
     listeners : what else wants messages of the vehicle, by message id (answers to our requests).
     sends : False when nobody wants the frames to send: none are made, which saves half the time.
     feedback : one with a mark on disk; default: one without.
+    signing : signs what is sent and refuses what is not signed; None: neither.
     """
 
     def __init__(
@@ -94,8 +96,10 @@ class Pipeline:
         listeners: Mapping[int, Callable[[Message], None]] | None = None,
         sends: bool = True,
         feedback: Feedback | None = None,
+        signing: Signing | None = None,
     ) -> None:
         self.settings = settings
+        self.signing = signing
         self._sends = sends
         self.decoder = Decoder(datagrams=datagrams)
         self.identity = Identity(
@@ -125,13 +129,7 @@ class Pipeline:
             self._set_air_key,
         )
         self._thermometers = convert.THERMOMETERS[settings.intake.air_temperature]
-        self._wanted = set(convert.CONVERTERS) | {
-            *(RAW_IMU, SYSTEM_TIME, ALTITUDE, GLOBAL_POSITION_INT),
-            *self._thermometers,
-            *self._listeners,
-        }
-        if self.feedback.knob is not None:
-            self._wanted.add(PARAM_VALUE)
+        self._wanted = self._decoded()
         self.observe(observer)
         self._conflict: Callable[[Frame], None] | None = None
         self._rate_request: Callable[[Frame], None] | None = None
@@ -148,6 +146,16 @@ class Pipeline:
         self._imu = ImuSelector()
         self._scaled_pressure_us = -PRESSURE_TIMEOUT_US
         self.air = KnownAir(settings.air)
+
+    def _decoded(self) -> set[int]:
+        """Ids of the messages that are decoded: the measurements, and what is listened to."""
+        wanted = {
+            *convert.CONVERTERS,
+            *(RAW_IMU, SYSTEM_TIME, ALTITUDE, GLOBAL_POSITION_INT),
+            *self._thermometers,
+            *self._listeners,
+        }
+        return wanted | {PARAM_VALUE} if self.feedback.knob is not None else wanted
 
     @property
     def wanted(self) -> frozenset[int]:
@@ -323,6 +331,10 @@ class Pipeline:
 
     def _frame(self, frame: Frame, arrival_us: int, source: Hashable) -> list[bytes]:
         identity, message_id = self.identity, frame.message_id
+        refusal = self.signing.refusal(frame) if self.signing is not None else None
+        if refusal is not None:
+            self.decoder.counters[refusal] += 1
+            return []
         speaker = (frame.system_id, frame.component_id)
         if message_id == HEARTBEAT and speaker not in (identity.vehicle, identity.own):
             message = self.decoder.decode(frame)
@@ -531,6 +543,6 @@ class Pipeline:
             version = 2  # an autopilot that can speak MAVLink 2 may wait for it
         encoder = self._encoders.get(own)
         if encoder is None:
-            encoder = self._encoders[own] = Encoder(*own)
+            encoder = self._encoders[own] = Encoder(*own, self.signing)
         frames = (encoder.encode(message, version) for message in messages)
         return [frame for frame in frames if frame]

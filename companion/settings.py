@@ -17,8 +17,10 @@ from companion.intake import IntakeSettings
 from companion.known_air import AirSettings
 from companion.mavlink.identity import AUTOPILOT_COMPONENT_ID, OUR_COMPONENT_ID
 from companion.mavlink.outputs import PublishSettings
+from companion.mavlink.signing import SigningSettings
 from companion.mavlink.streams import StreamSettings
 from companion.recording import RecordSettings
+from companion.web.settings import HttpSettings
 
 
 class VehicleSettings(Settings):
@@ -68,9 +70,11 @@ class CompanionSettings(Settings):
     health: HealthSettings = HealthSettings()
     publish: PublishSettings = PublishSettings()
     streams: StreamSettings = StreamSettings()
+    signing: SigningSettings = SigningSettings()
     feedback: FeedbackSettings = FeedbackSettings()
     record: RecordSettings = RecordSettings()
     checkpoint: CheckpointSettings = CheckpointSettings()
+    http: HttpSettings = HttpSettings()
     estimators: EstimatorSections = EstimatorSections()
 
     def section(self, estimator: str) -> Settings:

@@ -7,7 +7,7 @@ from typing import Any, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from companion.config import allowed_of, unit_of
+from companion.config.fields import allowed_of, unit_of
 from sim.scenario import Scenario
 from sim.sensors import SensorConfig
 

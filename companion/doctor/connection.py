@@ -5,6 +5,7 @@ from itertools import pairwise
 
 from companion.doctor.case import Case, Finding, Grade, autopilots
 from companion.mavlink.codec import FrameReject, mavlink
+from companion.notices import signing_problem
 
 SYSTEM_TIME = mavlink.MAVLINK_MSG_ID_SYSTEM_TIME
 ALTITUDE = mavlink.MAVLINK_MSG_ID_ALTITUDE
@@ -57,8 +58,18 @@ def no_autopilot(case: Case) -> Finding | None:
     )
 
 
+def signatures(case: Case) -> Finding | None:
+    problem = signing_problem(case.service.pipeline)
+    if problem is None:
+        return None
+    grade = Grade.NOTE if case.service.pipeline.signing is None else Grade.WRONG
+    return Finding(grade, *problem)
+
+
 def not_followed(case: Case) -> Finding | None:
     if case.vehicle is None or case.service.pipeline.identity.vehicle is not None:
+        return None
+    if signing_problem(case.service.pipeline) is not None:
         return None
     pilots = autopilots(case.hearing)
     named = " and ".join(f"{system}/{component}" for system, component in pilots)

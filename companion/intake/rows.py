@@ -100,6 +100,10 @@ class Intake:
             self.datum.gnss(row)
         return row
 
+    def newest(self, kind: Kind) -> Rows:
+        """The row, shape (1,), of the newest sample of a kind; NaN and 0 before the first."""
+        return self._rows[kind]
+
     def air(self, known: KnownAir, at: Rows) -> Rows:
         """The sample row, shape (1,), of what is known of the air, at the time of another row."""
         row = self._rows[Kind.AIR]

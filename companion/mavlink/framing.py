@@ -49,7 +49,7 @@ noise."""
 
 
 class Frame(NamedTuple):
-    """One whole frame with a correct checksum. Signatures are not verified."""
+    """One whole frame with a correct checksum. Its signature is verified by `signing`."""
 
     data: bytes
     """from the start byte to the end of the checksum, or of the signature"""
@@ -83,6 +83,12 @@ class FrameReject(StrEnum):
     """a good frame with a payload that pymavlink refuses"""
     TIMESTAMP = "bad time stamp"
     """a good frame of a log, with a time that cannot be"""
+    UNSIGNED = "unsigned"
+    """a good frame without a signature, where signatures are required"""
+    SIGNATURE = "bad signature"
+    """a good frame, signed with another key"""
+    REPEATED = "repeated signature"
+    """signed with our key, but not newer than what came before"""
 
 
 FOREIGN = frozenset({FrameReject.DIALECT, FrameReject.UNKNOWN_ID})

@@ -118,6 +118,11 @@ class Identity:
         self._source_us = 0
 
     @property
+    def is_signed(self) -> bool:
+        """Whether the vehicle has signed a frame."""
+        return self._signed_us is not None
+
+    @property
     def own(self) -> tuple[int, int]:
         """Our system and component id: the vehicle's system unless configured; 1 before one is
         known."""

@@ -10,11 +10,11 @@ from companion.evaluation.smoother import Smoothed, smooth
 from companion.logs import LogReader, open_log
 from companion.pipeline import Observer, Pipeline
 from companion.replay.record import Recording
+from companion.replay.schema import document
 from companion.replay.sessions import Session, Writer, sessions_of
 from companion.replay.summary import (
     SETTLE_S,
     damage,
-    document,
     reference_of,
     summarise,
 )

@@ -9,7 +9,8 @@ import pytest
 import yaml
 from pydantic import BaseModel
 
-from companion.config import dump, unit_of
+from companion.config import dump
+from companion.config.fields import unit_of
 from companion.errors import ConfigError
 from companion.estimators import DEFAULT_ESTIMATOR, ESTIMATORS
 from companion.settings import CompanionSettings, load_settings

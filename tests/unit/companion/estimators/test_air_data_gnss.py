@@ -25,7 +25,7 @@ from companion.kernels.atmosphere import (
 )
 from companion.samples import Kind, Rows, SampleLog, Verdict, sample
 from sim.studies.page import generators
-from sim.studies.papers import air_data_gnss as paper
+from sim.studies.papers.air_data_gnss import simulation as paper
 from tests.flights import Flight, flight
 
 Array = NDArray[np.float64]

@@ -15,15 +15,9 @@ from companion.estimators import ESTIMATORS
 from companion.health import Health
 from companion.kernels.atmosphere import baro_altitude_m
 from companion.mavlink.codec import Encoder, Message, mavlink
+from companion.mavlink.continuity import Leap, Monotonic
 from companion.mavlink.debug import NAMED, message_table, state_floats
-from companion.mavlink.outputs import (
-    Leap,
-    Monotonic,
-    Outputs,
-    PublishSettings,
-    Schedule,
-    heartbeat,
-)
+from companion.mavlink.outputs import Outputs, PublishSettings, Schedule, heartbeat
 from companion.mavlink.texts import StatusTexts
 from companion.samples import ESTIMATE, Kind, Rows, Verdict, rows, sample
 from companion.settings import CompanionSettings

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim.studies.papers import air_temperature as live
+from sim.studies.papers.air_data_gnss import air_temperature as live
 
 
 def test_the_scale_factor_converges_with_the_probe() -> None:

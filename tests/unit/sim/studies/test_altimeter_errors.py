@@ -8,7 +8,8 @@ import pytest
 
 from sim.studies.page import generators
 from sim.studies.papers import PAPERS
-from sim.studies.papers.altimeter_errors import (
+from sim.studies.papers.page import Match
+from sim.studies.papers.robust_altimeter.altimeter_errors import (
     ALTIMETERS,
     BIASED,
     Array,
@@ -17,16 +18,14 @@ from sim.studies.papers.altimeter_errors import (
     open_loop_m,
     simulate,
 )
-from sim.studies.papers.page import Match
-from sim.studies.papers.robust_altimeter import (
+from sim.studies.papers.robust_altimeter.faults import LONG
+from sim.studies.papers.robust_altimeter.live import live_errors_m, live_log
+from sim.studies.papers.robust_altimeter.models import (
     FITTED,
-    LONG,
     MEANS,
     SCENARIOS,
     TABLE_1,
     TABLE_1_ROBUST,
-    live_errors_m,
-    live_log,
 )
 
 BOTH_BIASED = (BIASED, BIASED)

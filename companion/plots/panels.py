@@ -47,6 +47,10 @@ class Panel:
     """lines at both ends of such a band"""
     at_least: float = 0.55
     """half of the smallest range of the vertical axis"""
+    lowest: float | None = None
+    """the axis begins here"""
+    highest: float | None = None
+    """the axis ends here"""
     robust: bool = False
     """lines that are much larger than the others may leave the axis, which then says so"""
     digits: int = 1
@@ -73,7 +77,7 @@ def panels(reference: str) -> tuple[Panel, ...]:
     """The panels of a session whose heights are held against `reference`: "truth", "smoother" or
     "none"."""
     what = {"truth": "the truth", "smoother": "the smoother"}.get(reference, "the reference")
-    error = "error" if reference == "truth" else "difference"
+    error = "Errors against" if reference == "truth" else "Differences to"
     level = _plain("protection level", BOUND, 4, 2, width=1.0)
     sd = Band("estimate", "sd_m", "altitude_m", 2.0, "Kollsman ± 2 sd")
     return (
@@ -88,7 +92,7 @@ def panels(reference: str) -> tuple[Panel, ...]:
             at_least=5.0, robust=True, tall=True,
         ),
         Panel(
-            "difference", f"{error.capitalize()}s to {what}", "m",
+            "difference", f"{error} {what}", "m",
             f"Each source minus {what}. Above zero the source reads too high. Backgrounds are "
             "flight modes; red is the time in which Kollsman excluded a sensor. The barometer is "
             "drawn without its median, which is the weather's."
@@ -113,7 +117,7 @@ def panels(reference: str) -> tuple[Panel, ...]:
             "band is two standard deviations. 1 hPa is about 8 m.",
             (Line("estimate", "qnh_hpa", _plain("QNH", FUSED, width=1.8)),),
             (Band("estimate", "qnh_sd_hpa", "qnh_hpa", 2.0, "± 2 sd"),),
-            at_least=0.5, digits=2,
+            at_least=0.5, robust=True, digits=2,
         ),
         Panel(
             "offsets", "Offsets that the estimator found", "m",
@@ -142,7 +146,7 @@ def panels(reference: str) -> tuple[Panel, ...]:
             (Line("estimate", "calm", _plain("calm", FUSED)),
              Line("estimate", "fair", _plain("fair", OTHER, 5, 2)),
              Line("estimate", "stormy", _plain("stormy", INERTIAL, 1.5, 1.5))),
-            digits=2,
+            digits=2, lowest=0.0, highest=1.0,
         ),
         Panel(
             "faults", "Probabilities of a fault", "",
@@ -150,7 +154,7 @@ def panels(reference: str) -> tuple[Panel, ...]:
             (Line("estimate", "baro_fault", _plain("barometer", BARO, 6, 1.5, 1.5, 1.5)),
              Line("estimate", "gnss_fault", _plain("GNSS", GNSS)),
              Line("estimate", "imu_fault", _plain("IMU", INERTIAL, 5, 2))),
-            digits=2,
+            digits=2, lowest=0.0, highest=1.0,
         ),
         Panel(
             "innovation", "Innovations of the GNSS height", "m",
@@ -165,7 +169,8 @@ def panels(reference: str) -> tuple[Panel, ...]:
             "accuracy", "Reported accuracy of GNSS", "m",
             "Standard deviation of the GNSS height as the receiver reports it, or as its dilution "
             "of precision suggests.",
-            (Line("gnss", "sd_m", _plain("vertical accuracy", GNSS)),), at_least=1.0, robust=True,
+            (Line("gnss", "sd_m", _plain("vertical accuracy", GNSS)),), at_least=1.0, lowest=0.0,
+            robust=True,
         ),
         Panel(
             "fix", "GNSS fix and satellites", "",
@@ -173,7 +178,7 @@ def panels(reference: str) -> tuple[Panel, ...]:
             "RTK.",
             (Line("gnss", "satellites", _plain("satellites", GNSS)),
              Line("gnss", "fix", _plain("fix type", INERTIAL, 5, 2))),
-            digits=0,
+            digits=0, lowest=0.0,
         ),
         Panel(
             "rates", "Sampled rates", "Hz",
@@ -182,11 +187,11 @@ def panels(reference: str) -> tuple[Panel, ...]:
              Line("rates", "attitude", _plain("attitude", OTHER)),
              Line("rates", "baro", _plain("barometer", BARO, 6, 1.5, 1.5, 1.5)),
              Line("rates", "gnss", _plain("GNSS", GNSS))),
-            digits=0,
+            digits=0, lowest=0.0,
         ),
         Panel(
             "link", "Lost frames", "%",
             "Frames of the vehicle that are missing by sequence number, in each second.",
-            (Line("link", "lost_percent", _plain("lost frames", BARO)),), at_least=2.0,
+            (Line("link", "lost_percent", _plain("lost frames", BARO)),), at_least=2.0, lowest=0.0,
         ),
     )  # fmt: skip

@@ -19,6 +19,14 @@ STEP_S = 5.0
 """a difference that arises within this time around the onset is a jump"""
 LAST_S = 60.0
 """the autopilot's altitude at the end is the median of this time"""
+SAME_SPAN_S = 5.0
+"""marks that are nearer than this belong together"""
+NODE_S = 10.0
+PARTING_S, LEAST_PARTING_M = 300.0, 20.0
+"""GNSS and barometer part if their difference changes by so much within so long: 20 m in five
+minutes are 240 m/h, eight times the fastest weather"""
+COLUMN_SHARE = 0.12
+"""of a change of height: what a column of air that is 35 K off makes of it"""
 LEAST_S = 30.0
 """of both altitudes, to tell what the autopilot's follows"""
 FOLLOWS = 2.0
@@ -96,6 +104,93 @@ def _size(
         return {"off_m": math.nan, "step_m": math.nan}
     off_m = difference_m[inside] - (before_m if math.isfinite(before_m) else 0.0)
     return {"off_m": float(off_m[np.argmax(np.abs(off_m))]), "step_m": at_once_m}
+
+
+def suspicions(recording: Recording) -> list[dict[str, Any]]:
+    """When the plausibility check marked a sensor: which, from when to when, and for how long in
+    all."""
+    rows, offset_us = recording.rows, unix_offset_us(recording)
+    start_us = recording.ticks()["time_us"][0] if recording.ticks().size else 0
+    found = []
+    for kind, name in ((Kind.PRESSURE, "barometer"), (Kind.GNSS, "gnss")):
+        marked = (np.asarray(rows["kind"]) == kind) & (np.asarray(rows["suspect"]) != 0)
+        times_us = np.sort(np.asarray(rows["time_us"])[marked])
+        if times_us.size:
+            steps_s = np.diff(times_us) * 1e-6
+            first_us = int(times_us[0])
+            found.append(
+                {
+                    "sensor": name,
+                    "from_s": (first_us - start_us) * 1e-6,
+                    "from_utc": None if offset_us is None else utc(first_us + offset_us),
+                    "duration_s": float(steps_s[steps_s < SAME_SPAN_S].sum()),
+                }
+            )
+    return found
+
+
+def parting(recording: Recording, reference: Any) -> dict[str, Any]:
+    """The first large change of GNSS minus barometer within `PARTING_S` that weather and a column
+    of air cannot make: ``off_m``, from when to when, and which ``sensor`` moved if there is truth.
+    Empty where there is none."""
+    (gnss_us, gnss_m), (baro_us, baro_m) = recording.track("gnss"), recording.track("baro")
+    pressure_m = truth_at(gnss_us, baro_us, baro_m)
+    known = np.isfinite(gnss_m - pressure_m)
+    if known.sum() < 30:
+        return {}
+    us, apart_m, height_m = _medians(
+        gnss_us[known], (gnss_m - pressure_m)[known], pressure_m[known]
+    )
+    found = []
+    for lag in range(1, int(PARTING_S / NODE_S) + 1):
+        change_m = np.abs(apart_m[lag:] - apart_m[:-lag])
+        climbed_m = np.abs(height_m[lag:] - height_m[:-lag])
+        excess_m = change_m - COLUMN_SHARE * climbed_m
+        excess_m[us[lag:] - us[:-lag] > 2.0 * PARTING_S * 1e6] = 0.0
+        found += [(value, at, at + lag) for at, value in enumerate(excess_m.tolist())]
+    large = [each for each in found if each[0] >= LEAST_PARTING_M]
+    if not large:
+        return {}
+    _, begin, _ = min(large, key=lambda each: (each[2], -each[1]))
+    _, begin, end = max(each for each in large if each[1] == begin)
+    begin_us, end_us = float(us[begin]), float(us[end])
+    offset_us = unix_offset_us(recording)
+    start_us = float(recording.ticks()["time_us"][0])
+    return {
+        "off_m": float(apart_m[end] - apart_m[begin]),
+        "from_s": (begin_us - start_us) * 1e-6,
+        "to_s": (end_us - start_us) * 1e-6,
+        "from_utc": None if offset_us is None else utc(int(begin_us) + offset_us),
+        "to_utc": None if offset_us is None else utc(int(end_us) + offset_us),
+        "sensor": _moved(recording, reference, begin_us, end_us),
+    }
+
+
+def _moved(recording: Recording, reference: Any, begin_us: float, end_us: float) -> str | None:
+    """The sensor whose error changed more between two instants; None without truth."""
+    if reference.kind != "truth":
+        return None
+    moved_m = {}
+    for source, name in (("gnss", "gnss"), ("baro", "barometer")):
+        times_us, heights_m = recording.track(source)
+        error_m = heights_m - reference.at(times_us)
+        ends = [
+            np.nanmedian(error_m[np.abs(times_us - at_us) <= 0.5e6 * NODE_S])
+            for at_us in (begin_us, end_us)
+        ]
+        moved_m[name] = abs(float(ends[1] - ends[0]))
+    return max(moved_m, key=lambda name: moved_m[name])
+
+
+def _medians(us: Array, *values: Array) -> list[Array]:
+    """Medians over nodes of `NODE_S`: of the times, and of each of `values`."""
+    node = ((us - us[0]) / (NODE_S * 1e6)).astype(np.int64)
+    order = np.argsort(node, kind="stable")
+    edges = np.flatnonzero(np.diff(node[order])) + 1
+    return [
+        np.array([np.median(part) for part in np.split(each[order], edges)])
+        for each in (us, *values)
+    ]
 
 
 def own_altitude(recording: Recording) -> dict[str, Any]:

@@ -7,7 +7,7 @@ script alone would be 4.7 MB in every file.
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,13 @@ FOOTER = (
 )
 
 
-def write_report(path: Path, title: str, session: dict[str, Any], curves: Curves) -> None:
+def write_report(
+    path: Path,
+    title: str,
+    session: dict[str, Any],
+    curves: Curves,
+    damage: Mapping[str, int] | None = None,
+) -> None:
     """Write the page of one session.
 
     Parameters
@@ -37,6 +43,7 @@ def write_report(path: Path, title: str, session: dict[str, Any], curves: Curves
     title : name of the flight.
     session : an object of ``sessions`` of the report schema.
     curves : its curves.
+    damage : what could not be read of the log, by cause.
 
     Raises `ConfigError` when the page cannot be written, or jinja2 is missing.
     """
@@ -46,7 +53,7 @@ def write_report(path: Path, title: str, session: dict[str, Any], curves: Curves
         "about": about(session),
         "findings": session["findings"],
         "cards": cards(session),
-        "tables": tables(session, curves),
+        "tables": tables(session, curves, damage or {}),
         "footer": FOOTER,
         "flight": _script(flight) if flight else None,
         "uplot_css": _asset("uPlot.min.css"),

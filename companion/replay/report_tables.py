@@ -2,6 +2,7 @@
 means."""
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 from companion.replay.curves import Curves
@@ -47,11 +48,11 @@ def cards(session: dict[str, Any]) -> list[dict[str, str]]:
     return [{"name": name, "value": value, "tip": tip} for name, value, tip in found if value]
 
 
-def tables(session: dict[str, Any], curves: Curves) -> list[Table]:
+def tables(session: dict[str, Any], curves: Curves, damage: Mapping[str, int]) -> list[Table]:
     """The tables below the charts."""
     found = [
         _sources(session), _samples(session), _figures(session), _exclusions(session),
-        _link(session, curves), _texts(curves),
+        _link(session, curves, damage), _texts(curves),
     ]  # fmt: skip
     return [each for each in found if each["rows"]]
 
@@ -164,7 +165,7 @@ def _exclusions(session: dict[str, Any]) -> Table:
     return {"title": "Exclusions", "tip": "", "header": header, "rows": rows}
 
 
-def _link(session: dict[str, Any], curves: Curves) -> Table:
+def _link(session: dict[str, Any], curves: Curves, damage: Mapping[str, int]) -> Table:
     rows: list[list[Any]] = []
     link = curves.tables.get("link", {})
     if "lost_percent" in link:
@@ -172,7 +173,7 @@ def _link(session: dict[str, Any], curves: Curves) -> Table:
         share = 100.0 * lost / max(1.0, lost + float(link["frames"].sum()))
         rows.append([_head("lost frames", "Missing by sequence number."), f"{share:.1f} %"])
     rows += [
-        [_head("left out"), f"{cause} {count}"] for cause, count in session["left_out"].items()
+        [_head("left out"), f"{cause}: {count}"] for cause, count in session["left_out"].items()
     ]
     rows += [[_head("note"), note] for note in session["notes"]]
     header = [_head("link"), _head("what was found", text=True)]

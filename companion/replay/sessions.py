@@ -134,7 +134,7 @@ class _Splitter(Generic[Seen]):
         session.samples = {kind: now.samples[kind] - base.samples[kind] for kind in Kind}
         session.left_out = now.left_out - base.left_out
         session.heard = now.heard - base.heard
-        session.notes = list(pipeline.identity.notes)
+        session.notes = [*pipeline.identity.notes, *pipeline.intake.notes]
         session.health, session.reason = pipeline.health.health.name, pipeline.health.reason
         if session.has_height:
             self.sessions.append(session)

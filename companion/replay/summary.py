@@ -16,7 +16,7 @@ from companion.evaluation.integrity import coverage
 from companion.evaluation.metrics import Array, errors, truth_at
 from companion.evaluation.smoother import Smoothed, smooth
 from companion.mavlink.codec import FrameReject
-from companion.replay.findings import exclusions, own_altitude, utc
+from companion.replay.findings import exclusions, own_altitude, parting, suspicions, utc
 from companion.replay.record import Recording
 from companion.replay.sessions import Session
 from companion.replay.verdict import verdict
@@ -100,6 +100,8 @@ def summarise(
         "suspect": recording.suspected(),
         "altitude": _altitude(recording, ticks, start_us),
         "exclusions": exclusions(recording, ticks),
+        "suspicions": suspicions(recording),
+        "parting": parting(recording, reference),
         "gnss": _gnss(recording, reference, start_us),
         "barometer": _barometer(recording, reference),
         "own_altitude": own_altitude(recording),

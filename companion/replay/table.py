@@ -17,7 +17,7 @@ from companion.evaluation.smoother import Smoothed
 from companion.health import Health
 from companion.replay.record import Recording
 from companion.replay.sessions import Session
-from companion.replay.summary import utc
+from companion.replay.findings import utc
 from companion.samples import FaultySensor, Kind, Verdict
 
 HELD_US = 2_000_000

@@ -18,6 +18,7 @@ WANDER_M = 5.0
 LONG_EXCLUSION_S = 5.0
 MOST_EXCLUSIONS = 4
 """exclusions of one sensor with a sentence each; more are told together"""
+MOST_NOTES = 4
 SHORT_S = 60.0
 """a shorter session is too short to judge drift and accuracy"""
 CHANGE_M = 3.0
@@ -46,8 +47,11 @@ def verdict(found: dict[str, Any]) -> dict[str, Any]:
         *_altitude(found),
         *_wrong(found, wrong),
         *_barometer(found),
+        *_parting(found),
+        *_suspicions(found),
         *_exclusions(found),
         *_gnss(found),
+        *(_say("note", f"{note}.") for note in found["notes"][:MOST_NOTES]),
         *_advice(found),
     ]
     text = " ".join(each["text"] for each in findings)
@@ -78,8 +82,11 @@ def _altitude(found: dict[str, Any]) -> Iterator[Finding]:
     if lost > 0.5:
         reason = f": {health['reason']}" if health["at_end"] == "LOST" else ""
         yield _say("bad", f"The altitude was lost for {lost:.0%} of the session{reason}.")
+        yield from _short(found)
         return
     sd_m = altitude["median_sd_m"]
+    if lost >= 0.01:
+        yield _say("warning", f"The altitude was lost for {lost:.0%} of the session.")
     if math.isfinite(sd_m):
         level = "good" if 2.0 * sd_m < WRONG_M else "warning"
         yield _say(level, f"Altitude is known within {2.0 * sd_m:.1f} m (95 %).")
@@ -87,13 +94,15 @@ def _altitude(found: dict[str, Any]) -> Iterator[Finding]:
         p95_m = found["sources"]["published"]["p95_m"]
         if p95_m > 2.0 * sd_m:
             yield _say("warning", f"Its error against the truth was larger: {p95_m:.1f} m (95 %).")
-    if lost >= 0.01:
-        yield _say("warning", f"The altitude was lost for {lost:.0%} of the session.")
+    yield from _short(found)
+
+
+def _short(found: dict[str, Any]) -> Iterator[Finding]:
     if found["duration_s"] < SHORT_S:
         yield _say(
             "note",
-            f"The session is {found['duration_s']:.0f} s long, too short to judge the drift of "
-            "the barometer.",
+            f"The session is {found['duration_s']:.0f} s long: the estimate had no time to settle, "
+            "and the drift of the barometer cannot be judged.",
         )
 
 
@@ -115,19 +124,15 @@ def _barometer(found: dict[str, Any]) -> Iterator[Finding]:
     minutes = found["duration_s"] / 60.0
     if drift_m is not None and found["duration_s"] >= SHORT_S:
         range_m = barometer["range_m"]
-        if abs(drift_m) >= DRIFT_M:
-            yield _say(
-                "warning", f"The barometer drifted {drift_m:+.0f} m in {minutes:.0f} minutes."
-            )
-        elif range_m >= 2.0 * DRIFT_M:
-            yield _say(
-                "warning",
+        if range_m >= 2.0 * max(abs(drift_m), DRIFT_M):
+            text = (
                 f"The barometer's error moved through {range_m:.0f} m in {minutes:.0f} minutes and "
-                f"ended {drift_m:+.0f} m from where it began.",
+                f"ended {drift_m:+.0f} m from where it began."
             )
-    if found["suspect"].get("pressure"):
-        text = "The barometer contradicted GNSS beyond any weather and was not used then."
-        yield _say("bad", text)
+            yield _say("warning", text)
+        elif abs(drift_m) >= DRIFT_M:
+            text = f"The barometer drifted {drift_m:+.0f} m in {minutes:.0f} minutes."
+            yield _say("warning", text)
 
 
 def _gnss(found: dict[str, Any]) -> Iterator[Finding]:
@@ -145,8 +150,34 @@ def _gnss(found: dict[str, Any]) -> Iterator[Finding]:
             "warning",
             f"GNSS height wandered by {wander_m:.0f} m (1 sigma); it reported {claimed_m:.0f} m.",
         )
-    if found["suspect"].get("gnss"):
-        yield _say("bad", "GNSS jumped against the barometer and was not used then.")
+
+
+def _parting(found: dict[str, Any]) -> Iterator[Finding]:
+    """GNSS and barometer that parted, where no exclusion tells it."""
+    parted = found["parting"]
+    if not parted:
+        return
+    end_s = parted["to_s"]
+    for each in found["exclusions"]:
+        if each["from_s"] <= end_s and each["from_s"] + each["duration_s"] >= parted["from_s"]:
+            return
+    seconds = end_s - parted["from_s"]
+    text = (
+        f"GNSS and barometer parted by {parted['off_m']:+.0f} m in {seconds:.0f} s, "
+        f"{_when(parted)}, more than weather can make"
+    )
+    who = {"gnss": "GNSS was wrong", "barometer": "the barometer was wrong"}
+    yield _say("bad", f"{text}: {who.get(parted['sensor'] or '', 'one of them was wrong')}.")
+
+
+def _suspicions(found: dict[str, Any]) -> Iterator[Finding]:
+    for each in found["suspicions"]:
+        name, other = SENSORS[each["sensor"]], {"gnss": "the barometer"}.get(each["sensor"], "GNSS")
+        yield _say(
+            "bad",
+            f"{name} contradicted {other} beyond any weather, first {_when(each)}, and was not "
+            f"used for {each['duration_s']:.0f} s.",
+        )
 
 
 def _exclusions(found: dict[str, Any]) -> Iterator[Finding]:
@@ -188,8 +219,11 @@ def _advice(found: dict[str, Any]) -> Iterator[Finding]:
             text = "No advice for the autopilot: the log holds no altitude of its own to compare."
             yield _say("note", text)
         return
-    too_little = own["span_s"] < 20.0 or found["duration_s"] < SHORT_S
-    if too_little or found["health"]["at_end"] == "LOST":
+    if found["health"]["at_end"] == "LOST":
+        text = "The altitude was lost at the end: no advice for the autopilot."
+        yield _say("note", text)
+        return
+    if own["span_s"] < 20.0 or found["duration_s"] < SHORT_S:
         yield _say("note", "Not enough data to say whether the autopilot needs a change.")
         return
     above_m, sd_m = own["above_m"], altitude["median_sd_m"]

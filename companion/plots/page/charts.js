@@ -149,7 +149,7 @@ const FlightCharts = (() => {
 
     function timeAxis() {
       return {
-        stroke: FAINT, grid: {stroke: GRID, width: 1}, ticks: {stroke: GRID, size: 4}, space: 70,
+        stroke: FAINT, grid: {stroke: GRID, width: 1}, ticks: {stroke: GRID, size: 4}, space: 58,
         size: 26, font: "11px system-ui, sans-serif", incrs: STEPS,
         values: (_, splits, __, ___, step) => splits.map(
           each => flight.has_utc ? clock(each, step < 1 ? 2 : 0) : `${+each.toFixed(2)} s`),
@@ -237,11 +237,11 @@ const FlightCharts = (() => {
         if (clips && outside) [low, high] = [Math.max(low, floor), Math.min(high, ceiling)];
         if (low > high) [low, high] = [floor, ceiling];
         const middle = (low + high) / 2, half = Math.max((high - low) / 2 * 1.08, panel.at_least, 1e-3);
-        return [middle - half, middle + half];
+        return [panel.lowest ?? middle - half, panel.highest ?? Math.max(middle + half, (panel.lowest ?? -Infinity) + 2 * panel.at_least)];
       };
       const options = {
         width: canvas.clientWidth, height: panel.tall ? 300 : 170, legend: {show: false},
-        padding: [8, 8, 0, 0],
+        padding: [8, 28, 0, 0],
         cursor: {sync: {key: sync.key, setSeries: false, scales: ["x", null]}, drag: {x: true, y: false, setScale: false},
                  points: {show: false}, y: false, bind: {dblclick: () => () => { whole(); return null; }}},
         scales: {x: {time: false, range: (_, low, high) => [low, high]}, y: {range: yRange}},
@@ -346,7 +346,7 @@ const FlightCharts = (() => {
         ctx.restore();
       };
       const chart = new uPlot({
-        width: canvas.clientWidth, height, legend: {show: false}, padding: [4, 8, 0, 0],
+        width: canvas.clientWidth, height, legend: {show: false}, padding: [4, 28, 0, 0],
         cursor: {sync: {key: sync.key, setSeries: false, scales: ["x", null]}, drag: {x: true, y: false, setScale: false},
                  points: {show: false}, y: false, bind: {dblclick: () => () => { whole(); return null; }}},
         scales: {x: {time: false, range: (_, low, high) => [low, high]}, y: {range: [0, names.length]}},

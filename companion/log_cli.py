@@ -118,16 +118,7 @@ def replay(
     junit: JunitOption = None,
 ) -> None:
     """Run logs through the same code as live, and report each session."""
-    for log in logs:
-        refuse_same(log, out, csv, report)
-    if len(logs) > 1 and (out or csv or report):
-        raise ConfigError(
-            "--csv, --out and --report take one log; name one, or use `kollsman batch`"
-        )
-    if report:
-        from companion.replay.reports import check
-
-        check(report)
+    _refuse_outputs(logs, out, csv, report)
     settings = resolve_settings(config, estimator, changes)
     from companion.replay import expect as expecting
 
@@ -153,6 +144,22 @@ def replay(
         for path in filter(None, (csv, out, *pages)):
             print(f"wrote {path}")
     conclude("kollsman replay", outcomes, junit)
+
+
+def _refuse_outputs(
+    logs: list[Path], out: Path | None, csv: Path | None, report: Path | None
+) -> None:
+    """Refuse what cannot be written, before a log is read."""
+    for log in logs:
+        refuse_same(log, out, csv, report)
+    if len(logs) > 1 and (out or csv or report):
+        raise ConfigError(
+            "--csv, --out and --report take one log; name one, or use `kollsman batch`"
+        )
+    if report:
+        from companion.replay.reports import check
+
+        check(report)
 
 
 def _replay_one(

@@ -1,4 +1,4 @@
-"""What barometer and GNSS height agree on, and which of them left it: the evidence of the checker.
+"""What barometer and GNSS height agree on, and which of them left it; the checker decides by it.
 
 It keeps the difference of the two heights on which both last agreed; weather, flight through a
 pressure field, height and speed bound how far it can drift. Beyond that one of them is wrong: the

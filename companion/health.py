@@ -50,20 +50,20 @@ class HealthSettings(Settings):
     """Section ``health``."""
 
     fresh_s: float = Field(2.0, gt=0, le=60)
-    """barometer and GNSS must each have been used this recently to be OK"""
+    """largest age of the last used barometer and GNSS heights with which health is OK"""
     lost_s: float = Field(5.0, gt=0, le=60)
-    """without any usable height for this long it is LOST"""
+    """time without any used height after which health is LOST"""
     silent_s: float = Field(3.0, gt=0, le=60)
-    """seconds of the host's clock without anything from the vehicle, or without any height from it,
-    after which it is LOST"""
+    """time of the host's clock without any message of the vehicle, or without any height, after
+    which health is LOST"""
     recover_s: float = Field(2.0, ge=0, le=60)
-    """a turn for the better must last this long"""
+    """time for which better conditions must last before health improves"""
     sd_ok_m: float = Field(15.0, gt=0, le=1000)
-    """a larger spread is DEGRADED"""
+    """largest standard deviation of the altitude with which health is OK; above it is DEGRADED"""
     sd_lost_m: float = Field(30.0, gt=0, le=1000)
-    """a larger spread is LOST: ALTITUDE stops"""
+    """standard deviation of the altitude above which health is LOST: ALTITUDE stops"""
     level_lost_m: float = Field(50.0, gt=0, le=10_000)
-    """Protection level above which it is LOST: ALTITUDE stops"""
+    """protection level above which health is LOST: ALTITUDE stops"""
 
 
 class HealthMonitor:

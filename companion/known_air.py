@@ -41,9 +41,9 @@ class AirSettings(Settings):
     """Section ``air``: what is known of the air beside the sensors."""
 
     qnh_hpa: float | None = Field(None, ge=850, le=1100)
-    """Altimeter setting (QNH) of the field of the take-off; default: as GNSS shows."""
+    """altimeter setting (QNH) of the field of the take-off; default: as GNSS shows."""
     temperature_c: float | None = Field(None, ge=-90, le=60)
-    """Air temperature at the place of the start, in the shade; default: that of a standard day,
+    """air temperature at the place of the start, in the shade; default: that of a standard day,
     with a spread of 15 K."""
     metar: str | None = Field(None, max_length=400)
     """METAR of the field of the take-off, such as "LSZH 281420Z 24008KT CAVOK 12/08 Q1013": its QNH
@@ -77,7 +77,7 @@ class LiveAir(AirSettings):
     """What `KnownAir.set` takes: the keys of section ``air`` and the field's elevation."""
 
     field_elevation_m: float | None = Field(None, ge=-500, le=9000)
-    """Elevation of the field on which the vehicle rests."""
+    """elevation of the field on which the vehicle rests."""
 
 
 class KnownAir:

@@ -9,6 +9,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -49,56 +50,62 @@ Examples:
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
+LinkArgument = Annotated[
+    str,
+    typer.Argument(
+        help="Where the autopilot is; `kollsman links` lists the forms.", envvar="KOLLSMAN_LINK"
+    ),
+]
+MoreOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--link",
+        help="Another link, such as a ground station's; repeatable. MAVLink is routed between all "
+        "of them.",
+        metavar="LINK",
+        envvar="KOLLSMAN_LINKS",
+    ),
+]
+RecordOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Record every frame heard and sent: a folder (one dated file a session), a file, or a "
+        "strftime pattern. An existing file is never overwritten.",
+        metavar="DIR",
+        envvar="KOLLSMAN_RECORD",
+    ),
+]
+HttpOption = Annotated[
+    str | None,
+    typer.Option(
+        "--http",
+        help="Serve the live page, /metrics, /healthz and /api/state there, such as "
+        "127.0.0.1:8080; read-only. Default: not served.",
+        metavar="HOST:PORT",
+        envvar="KOLLSMAN_HTTP",
+    ),
+]
+SystemIdOption = Annotated[
+    int | None, typer.Option(min=1, max=255, help="Our system id; default: the vehicle's.")
+]
+ComponentIdOption = Annotated[
+    int | None, typer.Option(min=1, max=255, help="Our component id (default 191).")
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Status and log lines as JSON objects.")]
+
+
 def run(
-    link: Annotated[
-        str,
-        typer.Argument(
-            help="Where the autopilot is; `kollsman links` lists the forms.",
-            envvar="KOLLSMAN_LINK",
-        ),
-    ],
+    link: LinkArgument,
     *,
-    more: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--link",
-            help="Another link, such as a ground station's; repeatable. MAVLink is routed between "
-            "all of them.",
-            metavar="LINK",
-            envvar="KOLLSMAN_LINKS",
-        ),
-    ] = None,
+    more: MoreOption = None,
     estimator: EstimatorOption = None,
     config: ConfigOption = None,
     changes: SetOption = None,
-    record: Annotated[
-        str | None,
-        typer.Option(
-            help="Record every frame heard and sent: a folder (one dated file a session), a file, "
-            "or a strftime pattern. An existing file is never overwritten.",
-            metavar="DIR",
-            envvar="KOLLSMAN_RECORD",
-        ),
-    ] = None,
-    http: Annotated[
-        str | None,
-        typer.Option(
-            "--http",
-            help="Serve the live page, /metrics, /healthz and /api/state there, such as "
-            "127.0.0.1:8080; read-only. Default: not served.",
-            metavar="HOST:PORT",
-            envvar="KOLLSMAN_HTTP",
-        ),
-    ] = None,
-    system_id: Annotated[
-        int | None, typer.Option(min=1, max=255, help="Our system id; default: the vehicle's.")
-    ] = None,
-    component_id: Annotated[
-        int | None, typer.Option(min=1, max=255, help="Our component id (default 191).")
-    ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Status and log lines as JSON objects.")
-    ] = False,
+    record: RecordOption = None,
+    http: HttpOption = None,
+    system_id: SystemIdOption = None,
+    component_id: ComponentIdOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Serve a vehicle: read its sensors, send back ALTITUDE and the DEBUG family, until Ctrl-C."""
     started_s = time.perf_counter()
@@ -107,7 +114,18 @@ def run(
     settings = resolve_settings(config, estimator, changes)
     say_if_compiling(settings.estimator)
     settings = _with_options(settings, record, http, system_id, component_id)
+    _serve([link, *(more or [])], settings, Output(), started_s, as_json=as_json)
 
+
+def _serve(
+    urls: list[str],
+    settings: "CompanionSettings",
+    output: Output,
+    started_s: float,
+    *,
+    as_json: bool,
+) -> None:
+    """Open the links and serve the vehicle on them until a stop signal."""
     from companion.checkpoint import Checkpoint, fingerprint
     from companion.clock import SystemClock
     from companion.key_file import open_signing
@@ -117,29 +135,23 @@ def run(
     from companion.service import Service
     from companion.warmup import warm_up
 
-    clock, output = SystemClock(), Output()
+    clock = SystemClock()
     signing = open_signing(settings.signing)
     with ExitStack() as stack, _stop_signals() as stopped:
-        opened = open_links([link, *(more or [])], clock)
+        opened = open_links(urls, clock)
         stack.callback(opened.close)
         path = settings.record.path
         recorder = stack.enter_context(Recording(path, settings.record)) if path else None
         page = _live_page(settings.http, stack, output, as_json=as_json)
         warm_up(settings)
         keeper = Checkpoint(settings.checkpoint, [opened.url], fingerprint(settings))
+        build = partial(
+            Service, opened, settings, clock, recorder=recorder, checkpoint=keeper, signing=signing
+        )
         lines: StatusLine | None = None
 
         def make() -> Service:
-            earlier = lines.service if lines is not None else None
-            return Service(
-                opened,
-                settings,
-                clock,
-                recorder=recorder,
-                checkpoint=keeper,
-                earlier=earlier,
-                signing=signing,
-            )
+            return build(earlier=lines.service if lines is not None else None)
 
         def run_one(service: Service) -> None:
             nonlocal lines
@@ -328,13 +340,13 @@ def doctor(
     *,
     config: ConfigOption = None,
     seconds: Annotated[
-        float, typer.Option(min=1, max=3600, help="How long to listen.", metavar="S")
+        float, typer.Option(min=1, max=3600, help="Time to listen, s.", metavar="S")
     ] = 15.0,
-    as_json: Annotated[bool, typer.Option("--json", help="The findings as JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
-    """Listen to a vehicle for some seconds: what is heard, what is missing, which parameter to set.
+    """Listen to a vehicle, and report what is heard, what is missing and which parameter to set.
 
-    Ends with 1 when something is wrong.
+    Exit code 1 when something is wrong.
     """
     settings = resolve_settings(config, None)
     say_if_compiling(settings.estimator)

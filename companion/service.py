@@ -1,8 +1,7 @@
 """The live loop: one link, one clock, one pipeline, one thread.
 
-Everything that depends on the host's clock is here and nothing of it reaches an estimate: our
-heartbeat, the requests to the vehicle, the silence of the link, and the notice that nothing was
-heard.
+Everything that depends on the host's clock is here, and no estimate depends on it: our heartbeat,
+the requests to the vehicle, the silence of the link, and the notice that nothing was heard.
 """
 
 import logging
@@ -27,7 +26,8 @@ from companion.logs import LogWriter
 from companion.mavlink.codec import Frame, Message, decode, mavlink, scan
 from companion.mavlink.identity import Origin, autopilot_name
 from companion.notices import notice
-from companion.pipeline import Observer, Pipeline
+from companion.observer import Observer
+from companion.pipeline import Pipeline
 from companion.samples import Kind, Packet
 from companion.settings import CompanionSettings
 from companion.streaming import Streaming
@@ -274,8 +274,8 @@ class Service:
                 logger.warning("%s", missing)
 
     def stop(self) -> None:
-        """Say goodbye: the message rates go back to what they were, and ALTITUDE carries the
-        vehicle's own height, at which a ground station's display will stand."""
+        """End the run: the message rates are put back, and the last ALTITUDE carries the vehicle's
+        own height, which a ground station then keeps on display."""
         now_us = self.clock.now_us()
         for message in self.pipeline.feedback.stop():
             self._send(self.pipeline.encode(message), now_us)

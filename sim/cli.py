@@ -26,8 +26,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="kollsman-sim",
-    help="JSBSim flies a real aircraft model through weather and speaks MAVLink as an autopilot "
-    "would.",
+    help="Simulate a MAVLink autopilot: JSBSim flies an aircraft model through weather.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
@@ -327,10 +326,15 @@ def reproduce(
     *,
     seeds: Annotated[
         int | None,
-        typer.Option(min=2, help="Monte-Carlo runs a paper. Default: each paper's own number."),
+        typer.Option(
+            min=2, help="Number of Monte-Carlo runs of each paper. Default: each paper's own."
+        ),
     ] = None,
     seed_root: Annotated[
-        int, typer.Option(min=0, help="Another number draws other random numbers.", metavar="N")
+        int,
+        typer.Option(
+            min=0, help="Root of all seeds; another root draws other random numbers.", metavar="N"
+        ),
     ] = 0,
     out: Annotated[
         Path, typer.Option(help="Folder of the pages and figures.", metavar="DIR")

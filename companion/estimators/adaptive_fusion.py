@@ -33,11 +33,11 @@ Departures
   barometer height at the fix's own time, interpolated, since a fix arrives late.
 - Geometric height of the full standard atmosphere instead of (1), which is its troposphere in
   geopotential metres.
-- ``gnss_variance_m2``: the paper's constant 169 m2, or the variance that the receiver claims
+- ``gnss_variance_m2``: the paper's constant 169 m2, or the reported variance
   (default).
 - The estimate's ``altitude_sd_m`` is not sqrt(P). When (28) fires, the estimate is exactly h^GPS -
   R_GPS / Delta, with mean square error about R_GPS + 3 R_GPS^2 / Delta^2: above plain GPS, never
-  below it as P claims. When it does not fire the error is that of (13) plus the unexplained part of
+  below it as P says. When it does not fire the error is that of (13) plus the unexplained part of
   (1-K) Delta. It grows while there is no fix, at the rate that weather can move the pressure level.
 - Climb is the slope of the barometer height, smoothed over one second; the paper has none.
 - A fix without a barometer height within two seconds of it is taken as it is: GNSS height alone,
@@ -118,18 +118,18 @@ class AdaptiveFusionSettings(EstimatorSettings):
     """Section ``estimators.adaptive-fusion``."""
 
     gain: Literal["adaptive", "fixed"] = "adaptive"
-    """the paper's two filters"""
+    """which of the paper's two filters: adaptive or fixed gain"""
     baro_variance_m2: float = Field(81.0, gt=0, le=1e6)
-    """R_B: variance of the barometer height"""
+    """variance of the barometer height (R_B)"""
     gnss_variance_m2: Annotated[float, Field(gt=0, le=1e6)] | Literal["claimed"] = "claimed"
-    """R_GPS: a number (the paper has 169), or as the receiver claims"""
+    """variance of a GNSS height (R_GPS): a number (the paper has 169), or claimed: from the
+    reported accuracy"""
     gnss_sd_floor_m: float = Field(1.0, gt=0, le=100)
-    """a claimed spread below this is not believed"""
+    """least standard deviation of a GNSS height; a smaller reported accuracy is raised to it"""
     gnss_sd_unknown_m: float = Field(13.0, gt=0, le=1000)
-    """spread of a receiver that claims nothing"""
+    """standard deviation of a GNSS height whose receiver reports no accuracy"""
     pressure_drift_mps: float = Field(0.01, ge=0, le=10)
-    """how fast weather may move the pressure level while there is no fix: .01 m/s is 4 hPa an
-    hour"""
+    """drift of the pressure level by weather between fixes: .01 m/s is 4 hPa an hour"""
 
     def derived(self) -> Mapping[str, Any]:
         """The letters of the paper."""

@@ -96,8 +96,8 @@ FOREIGN = frozenset({FrameReject.DIALECT, FrameReject.UNKNOWN_ID})
 
 
 def extent(buffer: bytes, offset: int) -> int:
-    """The length in bytes which the start byte at `offset` claims for its frame (all there is, if
-    unknowable)."""
+    """The length in bytes of the frame whose start byte is at `offset`, by its header (the
+    rest of the data, where the header does not tell)."""
     available = len(buffer) - offset
     if available >= 3 and buffer[offset] == V2:
         signature = SIGNATURE if buffer[offset + 2] & _SIGNED else 0

@@ -7,7 +7,7 @@ name. The first one heard is followed at once. Two of them within three seconds,
 has sent sensor data, are refused with a line that names both. From then on one vehicle is followed
 for the life of the process; a single stray heartbeat before it does not count.
 
-Frames with the vehicle's ids are believed from the network address that it speaks from, until that
+Frames with the vehicle's ids are accepted from the network address that it sends from, until that
 one has been silent for three seconds. Once the vehicle has sent signed frames, unsigned ones are
 forged.
 """
@@ -32,7 +32,7 @@ CONFIRM_US = 500_000
 GONE_US = 10_000_000
 SOURCE_US = 3_000_000
 CHANGES = 3
-"""heartbeats in a row that name another autopilot before it is believed"""
+"""heartbeats in a row that name another autopilot before it is accepted"""
 MOST_REMEMBERED = 64
 MOST_NOTES = 20
 

@@ -47,11 +47,11 @@ FORGOTTEN_US = 10_000_000
 GROUP_PAUSE_US = 3_000_000
 JUDGE_US = 100_000
 LONGEST_RETRY_US = 300_000_000
-EPISODE_US = 2_500_000
+REDUCTION_US = 2_500_000
 """rates that fall within this time were lowered by one request of somebody else"""
 GROUP_HZ = 25.0
 """REQUEST_DATA_STREAM takes a whole group at one rate: more would fill the link"""
-EPISODES, EPISODES_US = 4, 120_000_000
+REDUCTIONS, REDUCTIONS_US = 4, 120_000_000
 """lowered so often within so long: somebody insists"""
 PAUSE_US = 30_000_000
 WHO_US = 30_000_000
@@ -86,7 +86,7 @@ class StreamSupervisor:
         self._frames = -1
         self._alive_us = self._moved_us = 0
         self._vehicle_us = -1
-        self._episodes: list[int] = []
+        self._reductions_us: list[int] = []
         self._pause_us = PAUSE_US
         self._paused_until_us = 0
         self._other: tuple[int, str] | None = None
@@ -195,7 +195,7 @@ class StreamSupervisor:
             elif watch.asked is not Asked.NO and (watch.heard or watch.stream.label):
                 self._short(watch, now_us, stations)
             self._report(watch)
-        if self.rivals and now_us - self._paused_until_us > EPISODES_US:
+        if self.rivals and now_us - self._paused_until_us > REDUCTIONS_US:
             self.rivals, self._pause_us = "", PAUSE_US
 
     def _short(self, watch: Watch, now_us: int, stations: str) -> None:
@@ -216,11 +216,12 @@ class StreamSupervisor:
             watch.retry_us = min(2 * watch.retry_us, LONGEST_RETRY_US)
 
     def _lowered(self, now_us: int, stations: str) -> None:
-        """A rate that had been granted fell: an episode of somebody's lowering it, or a reboot."""
-        if self._episodes and now_us - self._episodes[-1] < EPISODE_US:
+        """A rate that had been granted fell: somebody lowered it, or the vehicle rebooted."""
+        if self._reductions_us and now_us - self._reductions_us[-1] < REDUCTION_US:
             return
-        self._episodes = [us for us in self._episodes if now_us - us < EPISODES_US] + [now_us]
-        if len(self._episodes) < EPISODES:
+        recent = [us for us in self._reductions_us if now_us - us < REDUCTIONS_US]
+        self._reductions_us = [*recent, now_us]
+        if len(self._reductions_us) < REDUCTIONS:
             return
         other = self._other
         seen = other[1] if other is not None and now_us - other[0] < WHO_US else ""

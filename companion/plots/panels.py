@@ -76,6 +76,10 @@ def _sources(column: str, reference: str) -> tuple[Line, ...]:
 def panels(reference: str) -> tuple[Panel, ...]:
     """The panels of a session whose heights are held against `reference`: "truth", "smoother" or
     "none"."""
+    return (*_heights(reference), *AIR, *FAULTS, *RECEIVER, *LINK)
+
+
+def _heights(reference: str) -> tuple[Panel, ...]:
     what = {"truth": "the truth", "smoother": "the smoother"}.get(reference, "the reference")
     error = "Errors against" if reference == "truth" else "Differences to"
     level = _plain("protection level", BOUND, 4, 2, width=1.0)
@@ -105,93 +109,103 @@ def panels(reference: str) -> tuple[Panel, ...]:
             (Band("estimate", "level_m", "", 1.0, level.label, level.colour),),
             at_least=3.0, robust=True, shades=True, tall=True, digits=2,
         ),
-        Panel(
-            "climb", "Climb", "m/s", "Vertical speed, positive upwards.",
-            (Line("autopilot", "climb_mps", SOURCES["autopilot"]),
-             Line("estimate", "climb_mps", SOURCES["estimate"])),
-            at_least=1.0,
-        ),
-        Panel(
-            "qnh", "QNH", "hPa",
-            "Altimeter setting with which an altimeter at this place would show the altitude; the "
-            "band is two standard deviations. 1 hPa is about 8 m.",
-            (Line("estimate", "qnh_hpa", _plain("QNH", FUSED, width=1.8)),),
-            (Band("estimate", "qnh_sd_hpa", "qnh_hpa", 2.0, "± 2 sd"),),
-            at_least=0.5, robust=True, digits=2,
-        ),
-        Panel(
-            "offsets", "Offsets that the estimator found", "m",
-            "Barometer: altitude minus the height of the standard atmosphere, so a falling line is "
-            "a barometer that reads ever higher. GNSS: slow error of the GNSS height.",
-            (Line("estimate", "baro_offset_m", _plain("barometer offset", BARO, 6, 1.5, 1.5, 1.5)),
-             Line("estimate", "gnss_offset_m", _plain("GNSS offset", GNSS))),
-            at_least=2.0,
-        ),
-        Panel(
-            "drift", "Drift of the barometer", "m/h",
-            "How fast the barometer's error changes at constant height. Fair weather stays below "
-            "10 m/h; a front makes 30 m/h.",
-            (Line("estimate", "drift_m_per_h", _plain("drift rate", BARO)),), at_least=2.0,
-        ),
-        Panel(
-            "scale", "Scale error of the barometer", "%",
-            "Change of the barometer's error with height: 1 % is 1 m for each 100 m of climb. Air "
-            "that is 3 K warmer than the standard atmosphere makes about 1 %.",
-            (Line("estimate", "scale_percent", _plain("scale error", BARO)),), at_least=0.5,
-            digits=2,
-        ),
-        Panel(
-            "weather", "Probabilities of the drift", "",
-            "How likely calm, fair and stormy weather are as the cause of the barometer's drift.",
-            (Line("estimate", "calm", _plain("calm", FUSED)),
-             Line("estimate", "fair", _plain("fair", OTHER, 5, 2)),
-             Line("estimate", "stormy", _plain("stormy", INERTIAL, 1.5, 1.5))),
-            digits=2, lowest=0.0, highest=1.0,
-        ),
-        Panel(
-            "faults", "Probabilities of a fault", "",
-            "How likely it is that each sensor is wrong.",
-            (Line("estimate", "baro_fault", _plain("barometer", BARO, 6, 1.5, 1.5, 1.5)),
-             Line("estimate", "gnss_fault", _plain("GNSS", GNSS)),
-             Line("estimate", "imu_fault", _plain("IMU", INERTIAL, 5, 2))),
-            digits=2, lowest=0.0, highest=1.0,
-        ),
-        Panel(
-            "innovation", "Innovations of the GNSS height", "m",
-            "GNSS height minus the altitude expected of it. The band is three standard deviations "
-            "of both together. A point is a fix that the gate rejected.",
-            (Line("gnss", "innovation_m", _plain("innovation", GNSS, width=1.0)),
-             Line("gnss", "refused_m", _plain("rejected", BARO), markers=True)),
-            (Band("gnss", "bound_m", "", 1.0, "± 3 sd", BOUND),),
-            at_least=2.0, robust=True, digits=2,
-        ),
-        Panel(
-            "accuracy", "Reported accuracy of GNSS", "m",
-            "Standard deviation of the GNSS height as the receiver reports it, or as its dilution "
-            "of precision suggests.",
-            (Line("gnss", "sd_m", _plain("vertical accuracy", GNSS)),), at_least=1.0, lowest=0.0,
-            robust=True,
-        ),
-        Panel(
-            "fix", "GNSS fix and satellites", "",
-            "Number of satellites used; fix type: 0 and 1 none, 2 is 2D, 3 is 3D, 4 DGPS, 5 and 6 "
-            "RTK.",
-            (Line("gnss", "satellites", _plain("satellites", GNSS)),
-             Line("gnss", "fix", _plain("fix type", INERTIAL, 5, 2))),
-            digits=0, lowest=0.0,
-        ),
-        Panel(
-            "rates", "Sampled rates", "Hz",
-            "Samples of the first sensor of each kind that arrived in each second.",
-            (Line("rates", "imu", _plain("IMU", INERTIAL, 5, 2)),
-             Line("rates", "attitude", _plain("attitude", OTHER)),
-             Line("rates", "baro", _plain("barometer", BARO, 6, 1.5, 1.5, 1.5)),
-             Line("rates", "gnss", _plain("GNSS", GNSS))),
-            digits=0, lowest=0.0,
-        ),
-        Panel(
-            "link", "Lost frames", "%",
-            "Frames of the vehicle that are missing by sequence number, in each second.",
-            (Line("link", "lost_percent", _plain("lost frames", BARO)),), at_least=2.0, lowest=0.0,
-        ),
     )  # fmt: skip
+
+
+AIR = (
+    Panel(
+        "climb", "Climb", "m/s", "Vertical speed, positive upwards.",
+        (Line("autopilot", "climb_mps", SOURCES["autopilot"]),
+         Line("estimate", "climb_mps", SOURCES["estimate"])),
+        at_least=1.0,
+    ),
+    Panel(
+        "qnh", "QNH", "hPa",
+        "Altimeter setting with which an altimeter at this place would show the altitude; the "
+        "band is two standard deviations. 1 hPa is about 8 m.",
+        (Line("estimate", "qnh_hpa", _plain("QNH", FUSED, width=1.8)),),
+        (Band("estimate", "qnh_sd_hpa", "qnh_hpa", 2.0, "± 2 sd"),),
+        at_least=0.5, robust=True, digits=2,
+    ),
+    Panel(
+        "offsets", "Offsets that the estimator found", "m",
+        "Barometer: altitude minus the height of the standard atmosphere, so a falling line is "
+        "a barometer that reads ever higher. GNSS: slow error of the GNSS height.",
+        (Line("estimate", "baro_offset_m", _plain("barometer offset", BARO, 6, 1.5, 1.5, 1.5)),
+         Line("estimate", "gnss_offset_m", _plain("GNSS offset", GNSS))),
+        at_least=2.0,
+    ),
+    Panel(
+        "drift", "Drift of the barometer", "m/h",
+        "How fast the barometer's error changes at constant height. Fair weather stays below "
+        "10 m/h; a front makes 30 m/h.",
+        (Line("estimate", "drift_m_per_h", _plain("drift rate", BARO)),), at_least=2.0,
+    ),
+    Panel(
+        "scale", "Scale error of the barometer", "%",
+        "Change of the barometer's error with height: 1 % is 1 m for each 100 m of climb. Air "
+        "that is 3 K warmer than the standard atmosphere makes about 1 %.",
+        (Line("estimate", "scale_percent", _plain("scale error", BARO)),), at_least=0.5,
+        digits=2,
+    ),
+    Panel(
+        "weather", "Probabilities of the drift", "",
+        "How likely calm, fair and stormy weather are as the cause of the barometer's drift.",
+        (Line("estimate", "calm", _plain("calm", FUSED)),
+         Line("estimate", "fair", _plain("fair", OTHER, 5, 2)),
+         Line("estimate", "stormy", _plain("stormy", INERTIAL, 1.5, 1.5))),
+        digits=2, lowest=0.0, highest=1.0,
+    ),
+)  # fmt: skip
+FAULTS = (
+    Panel(
+        "faults", "Probabilities of a fault", "",
+        "How likely it is that each sensor is wrong.",
+        (Line("estimate", "baro_fault", _plain("barometer", BARO, 6, 1.5, 1.5, 1.5)),
+         Line("estimate", "gnss_fault", _plain("GNSS", GNSS)),
+         Line("estimate", "imu_fault", _plain("IMU", INERTIAL, 5, 2))),
+        digits=2, lowest=0.0, highest=1.0,
+    ),
+    Panel(
+        "innovation", "Innovations of the GNSS height", "m",
+        "GNSS height minus the altitude expected of it. The band is three standard deviations "
+        "of both together. A point is a fix that the gate rejected.",
+        (Line("gnss", "innovation_m", _plain("innovation", GNSS, width=1.0)),
+         Line("gnss", "refused_m", _plain("rejected", BARO), markers=True)),
+        (Band("gnss", "bound_m", "", 1.0, "± 3 sd", BOUND),),
+        at_least=2.0, robust=True, digits=2,
+    ),
+)  # fmt: skip
+RECEIVER = (
+    Panel(
+        "accuracy", "Reported accuracy of GNSS", "m",
+        "Standard deviation of the GNSS height as the receiver reports it, or as its dilution "
+        "of precision suggests.",
+        (Line("gnss", "sd_m", _plain("vertical accuracy", GNSS)),), at_least=1.0, lowest=0.0,
+        robust=True,
+    ),
+    Panel(
+        "fix", "GNSS fix and satellites", "",
+        "Number of satellites used; fix type: 0 and 1 none, 2 is 2D, 3 is 3D, 4 DGPS, 5 and 6 "
+        "RTK.",
+        (Line("gnss", "satellites", _plain("satellites", GNSS)),
+         Line("gnss", "fix", _plain("fix type", INERTIAL, 5, 2))),
+        digits=0, lowest=0.0,
+    ),
+)  # fmt: skip
+LINK = (
+    Panel(
+        "rates", "Sampled rates", "Hz",
+        "Samples of the first sensor of each kind that arrived in each second.",
+        (Line("rates", "imu", _plain("IMU", INERTIAL, 5, 2)),
+         Line("rates", "attitude", _plain("attitude", OTHER)),
+         Line("rates", "baro", _plain("barometer", BARO, 6, 1.5, 1.5, 1.5)),
+         Line("rates", "gnss", _plain("GNSS", GNSS))),
+        digits=0, lowest=0.0,
+    ),
+    Panel(
+        "link", "Lost frames", "%",
+        "Frames of the vehicle that are missing by sequence number, in each second.",
+        (Line("link", "lost_percent", _plain("lost frames", BARO)),), at_least=2.0, lowest=0.0,
+    ),
+)  # fmt: skip

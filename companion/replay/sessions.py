@@ -20,7 +20,8 @@ from companion.logs.files import opened
 from companion.mavlink.codec import Frame, FrameReject, Message, decode, mavlink
 from companion.mavlink.convert import TimeBase
 from companion.mavlink.identity import autopilot_name, is_autopilot
-from companion.pipeline import Observer, Pipeline
+from companion.observer import Observer
+from companion.pipeline import Pipeline
 from companion.recorded import Item, Sensed
 from companion.replay.events import LinkQuality
 from companion.samples import Kind, Rows, Verdict

@@ -130,11 +130,11 @@ class DampingLoopSettings(InputSettings):
     """Section ``estimators.damping-loop``."""
 
     k1: float = Field(3.0, gt=0, le=100)
-    """K1 of (6), 1/s; the defaults are the paper's"""
+    """gain K1 of (6), 1/s; the defaults are the paper's"""
     k2: float = Field(0.6452, gt=0, le=100)
-    """K2 of (6), 1/s2"""
+    """gain K2 of (6), 1/s2; the defaults are the paper's"""
     k3: float = Field(0.871, ge=0, le=100)
-    """K3 of (6), 1/s3"""
+    """gain K3 of (6), 1/s3; the defaults are the paper's"""
 
     @model_validator(mode="after")
     def _is_stable(self) -> "DampingLoopSettings":

@@ -13,8 +13,8 @@ from companion.common_cli import (
     ConfigOption,
     EstimatorOption,
     SetOption,
+    compile_first,
     resolve_settings,
-    say_if_compiling,
 )
 from companion.errors import ConfigError, LogFormatError
 from companion.report_cli import show
@@ -131,7 +131,7 @@ def replay(
     from companion.replay import expect as expecting
 
     expectations = expecting.parse(expect or [])
-    say_if_compiling(settings.estimator)
+    compile_first(settings, settings.estimator)
     reports, outcomes = [], []
     pages: list[Path] = []
     for log in logs:
@@ -217,7 +217,7 @@ def compare(
     refuse_same(log, plot, stanford)
     settings = resolve_settings(config, None, changes)
     names = _estimators(estimator)
-    say_if_compiling(*names)
+    compile_first(settings, *names)
 
     from companion.evaluation import compare as comparing
     from companion.evaluation import comparison_plots as plots

@@ -1,0 +1,49 @@
+"""Lock files of the container images: they satisfy pyproject.toml, and every line has a hash."""
+
+import re
+import tomllib
+
+import pytest
+from packaging.requirements import Requirement
+
+from tests.paths import ROOT
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+BASE = PROJECT["dependencies"]
+SIM = [*BASE, *PROJECT["optional-dependencies"]["sim"]]
+LINE = re.compile(
+    r"^(?P<name>[\w.-]+)==(?P<version>[\w.]+)(?: ; [^\\]*)? \\\n(?P<hashes>(?: .*\n)+)",
+    re.MULTILINE,
+)
+
+
+def locked(*names: str) -> dict[str, set[str]]:
+    """Versions by package name."""
+    found: dict[str, set[str]] = {}
+    for name in names:
+        text = (ROOT / "docker" / f"{name}.lock").read_text(encoding="utf-8")
+        matches = list(LINE.finditer(text))
+        assert sum("==" in line for line in text.splitlines()) == len(matches)
+        for match in matches:
+            assert "--hash=sha256:" in match["hashes"]
+            found.setdefault(match["name"].lower(), set()).add(match["version"])
+    return found
+
+
+@pytest.mark.parametrize(
+    ("needed", "files"),
+    [(BASE, ["companion"]), (SIM, ["sim", "jsbsim"]), (["hatchling>=1.25"], ["build"])],
+    ids=["companion", "sim", "build"],
+)
+def test_the_lock_files_satisfy_the_project(needed: list[str], files: list[str]) -> None:
+    versions = locked(*files)
+    for text in needed:
+        requirement = Requirement(text)
+        held = versions.get(requirement.name.lower(), set())
+        assert held, f"{requirement.name} is missing: make lock"
+        assert any(requirement.specifier.contains(each) for each in held), f"{text}: make lock"
+
+
+def test_both_images_have_the_same_versions() -> None:
+    base, sim = locked("companion"), locked("sim")
+    assert {name: sim.get(name) for name in base} == base

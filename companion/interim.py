@@ -191,8 +191,7 @@ class Interim:
         if own not in self._encoders:
             signing = self.signing.signing if self.signing is not None else None
             self._encoders[own] = Encoder(*own, signing)
-        version = self.identity.version if self.identity.vehicle is not None else 2
-        frame = self._encoders[own].encode(message, version)
+        frame = self._encoders[own].encode(message, self.identity.spoken)
         if frame:
             self._link.send(frame)
 

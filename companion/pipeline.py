@@ -95,17 +95,9 @@ class Pipeline:
         self.parameters = Parameters(
             settings, LiveAir, lambda key: getattr(self.air, key), self._set_air
         )
-<<<<<<< HEAD
         self._requests = Requests(self.parameters, self.commands)
-        self._wanted = self.readings.message_ids | {
-            *(SYSTEM_TIME, ALTITUDE, GLOBAL_POSITION_INT),
-            *self._listeners,
-        }
-=======
-        self._requests = Requests(self.parameters)
         self._wanted = self.readings.message_ids | {SYSTEM_TIME, ALTITUDE, GLOBAL_POSITION_INT}
         self._wanted |= self._listeners.keys()
->>>>>>> main
         if self.feedback.knob is not None:
             self._wanted.add(PARAM_VALUE)
         self.observe(observer)
@@ -383,9 +375,8 @@ class Pipeline:
         if changed:
             self.announcements.health(self.health)
         messages += self.outputs.debug(now_us, health, estimate, self.filter.state)
-        identity = self.identity
-        if identity.vehicle is not None:
-            situation = Situation(health, estimate, identity.vehicle, identity.autopilot)
+        if (vehicle := self.identity.vehicle) is not None:
+            situation = Situation(health, estimate, vehicle, self.identity.autopilot)
             messages += self.feedback.step(now_us, situation)
         return self._encode(messages) if messages else []
 
@@ -401,11 +392,9 @@ class Pipeline:
         if not self._sends:
             return []
         self.commands.sent(messages, self._host_us)
-        own, version = self.identity.own, self.identity.version
-        if self.identity.vehicle is None:
-            version = 2  # an autopilot that can speak MAVLink 2 may wait for it
+        own = self.identity.own
         encoder = self._encoders.get(own)
         if encoder is None:
             encoder = self._encoders[own] = Encoder(*own, self.signing)
-        frames = (encoder.encode(message, version) for message in messages)
+        frames = (encoder.encode(message, self.identity.spoken) for message in messages)
         return [frame for frame in frames if frame]

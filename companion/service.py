@@ -58,41 +58,6 @@ OUTDATED = frozenset(
 """Not sent when they are made of old samples."""
 
 
-<<<<<<< HEAD
-=======
-@dataclass(frozen=True)
-class Status:
-    """What the status line shows."""
-
-    health: Health
-    reason: str
-    vehicle: str
-    altitude_amsl_m: float
-    altitude_sd_m: float
-    protection_level_m: float
-    climb_mps: float
-    rates_hz: dict[str, float]
-    """rates of each sensor kind and of our ALTITUDE since the last status"""
-    link: str
-    traffic: dict[str, dict[str, dict[str, float]]]
-    """for each link and sender: frames, lost, jitter_s"""
-    rejected: dict[str, int]
-    """bad input by cause"""
-
-
-class Text(NamedTuple):
-    """A STATUSTEXT."""
-
-    time_us: int
-    """when it was heard or sent, host's clock"""
-    who: str
-    """vehicle or Kollsman"""
-    severity: int
-    """MAV_SEVERITY"""
-    text: str
-
-
->>>>>>> main
 class Service:
     """Runs the companion on an open link until told to stop.
 

@@ -1,5 +1,4 @@
-"""What the modules of the command line share: options, and the configuration that they resolve
-to."""
+"""Options that the modules of the command line share, and the configuration that they give."""
 
 import sys
 from pathlib import Path

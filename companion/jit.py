@@ -27,7 +27,7 @@ import llvmlite.binding  # a part of Numba that does not read its configuration
 logger = logging.getLogger("kollsman.jit")
 
 KEPT_CACHES = 4
-"""Versions of one module that stay in the cache, besides those of the last day."""
+"""number of versions of one module that stay in the cache, besides those of the last day"""
 A_DAY_S = 86_400
 MARK = b"from companion.jit import step"
 _IMPORT = re.compile(

@@ -1,8 +1,7 @@
-"""What is known of the air beside the sensors: setting of the altimeter, temperature, field
-elevation.
+"""Values of the air that the user gives: QNH, air temperature, field elevation.
 
-It comes from section ``air`` of the configuration, or live through `KnownAir.set`. The pipeline
-tells it to the estimator as an AIR sample with the next pressure.
+They come from section ``air`` of the configuration, or live through `KnownAir.set`. The pipeline
+gives them to the estimator as an AIR sample before the next pressure.
 """
 
 import re
@@ -38,7 +37,7 @@ def read_metar(text: str) -> Report:
 
 
 class AirSettings(Settings):
-    """Section ``air``: what is known of the air beside the sensors."""
+    """Section ``air``: values of the air that the user gives."""
 
     qnh_hpa: float | None = Field(None, ge=850, le=1100)
     """altimeter setting (QNH) of the field of the take-off; default: as GNSS shows."""
@@ -81,7 +80,7 @@ class LiveAir(AirSettings):
 
 
 class KnownAir:
-    """The values, and whether the estimator has still to be told."""
+    """The values, and whether the estimator still has to get them."""
 
     def __init__(self, settings: AirSettings) -> None:
         self.qnh_hpa, self.temperature_c = settings.report
@@ -113,6 +112,6 @@ class KnownAir:
         self.restart()
 
     def restart(self) -> None:
-        """The estimator knows nothing any more: tell it again."""
+        """The estimator started anew: give it the values again."""
         values = (self.qnh_hpa, self.temperature_c, self.field_elevation_m)
         self.waits = any(value is not None for value in values)

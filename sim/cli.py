@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from companion.common_cli import Commands, version_option
 from companion.errors import KollsmanError
 from companion.log_cli import ExpectOption, JunitOption, hold_log
 from sim.flight_cli import DemoTable, print_summary, run_with_progress
@@ -27,9 +28,9 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="kollsman-sim",
+    cls=Commands,
     help="Simulate a MAVLink autopilot: JSBSim flies an aircraft model through weather.",
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
@@ -118,6 +119,13 @@ _FlavourOption = Annotated[
         metavar="AUTOPILOT",
     ),
 ]
+
+
+@app.callback()
+def _options(
+    *,
+    version: Annotated[bool, version_option("kollsman-sim")] = False,
+) -> None: ...
 
 
 @app.command(epilog=_FLY_EXAMPLES)

@@ -164,6 +164,7 @@ ESTIMATE = np.dtype(
         ("qnh_pa", "f8"),  # altimeter setting with which an altimeter here indicates altitude_amsl
         ("qnh_sd_pa", "f8"),
         ("protection_level_m", "f8"),  # exceeded only at the configured integrity risk
+        ("alert_limit_m", "f8"),  # protection level above which the height must not be published
         ("drift_probabilities", "f8", (3,)),  # of calm, fair, stormy weather
         ("faulty", "i8"),  # a `FaultySensor`
         ("faulty_since_us", "i8"),

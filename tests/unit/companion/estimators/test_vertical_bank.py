@@ -483,6 +483,23 @@ def test_protection_level_covers_and_grows_with_a_smaller_risk() -> None:
     assert (safer["protection_level_m"] > estimates["protection_level_m"])[late].all()
 
 
+@pytest.mark.parametrize("claimed_m", [11.0, 19.0, 26.0])
+def test_a_receiver_that_reports_a_large_spread_is_published(claimed_m: float) -> None:
+    made = flight().change(Kind.GNSS, "vertical_sd_m", lambda _: claimed_m)
+    estimates, _, elapsed_s = fly(made)
+    late = elapsed_s > 10.0
+    assert (estimates["protection_level_m"] > 50.0)[late].any()
+    assert (estimates["protection_level_m"] <= estimates["alert_limit_m"])[late].all()
+
+
+def test_without_a_receiver_the_alert_limit_is_the_setting() -> None:
+    made = flight().change(Kind.GNSS, "vertical_sd_m", lambda _: 19.0).drop(Kind.GNSS, 100.0, 400.0)
+    estimates, _, elapsed_s = fly(made)
+    away = (elapsed_s > 110.0) & (elapsed_s < 290.0)
+    assert (estimates["alert_limit_m"][away] == 50.0).all()
+    assert (estimates["protection_level_m"] > 50.0)[away].all()
+
+
 @pytest.mark.parametrize("rate_per_h", [1e-1, 1e-3, 1e-5])
 def test_crossing_sigma_inverts_the_rate(rate_per_h: float) -> None:
     k, time_s = crossing_sigma(rate_per_h, 250.0), 250.0

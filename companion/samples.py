@@ -114,6 +114,7 @@ DTYPES: Mapping[Kind, np.dtype[Any]] = {
         ("fix_type", "i8"),  # MAVLink GPS_FIX_TYPE: 3 is 3D
         ("satellites", "i8"),  # -1 unknown
         ("suspect", "i8"),
+        ("datum_sd_m", "f8"),  # constant part of the vertical spread: doubt in the datum, NaN none
     ),
     Kind.ATTITUDE: _dtype(
         ("roll_rad", "f8"),

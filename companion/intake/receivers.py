@@ -123,7 +123,7 @@ class Receiver:
             )
             self.doubt_m = abs(above_m)
             sd_m = float(gnss_sd_m(row, 0.0, UNKNOWN_SD_M))
-            row["vertical_sd_m"] = math.hypot(sd_m, above_m)
+            row["vertical_sd_m"], row["datum_sd_m"] = math.hypot(sd_m, above_m), abs(above_m)
 
     def _tell(self, text: str) -> None:
         if text[:12] not in self._told:  # heights and ratios in the rest vary

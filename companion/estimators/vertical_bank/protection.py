@@ -38,30 +38,33 @@ def crossing_risk(crossings_per_h: float, margin_m: float, sd_m: float) -> float
 
 
 @step
-def risk_beyond(bank: Record, crossings_per_h: float, level_m: float) -> float:
+def risk_beyond(bank: Record, crossings_per_h: float, level_m: float, datum_m2: float) -> float:
     """Chance that the height leaves the mean +- `level_m` within an hour."""
     centre_m, total = mean(bank, HEIGHT), 0.0
     for i in range(N):
         if bank.weight[i] == 0.0:
             continue
         margin_m = level_m - abs(bank.x[i, HEIGHT] - centre_m)
-        sd_m = math.sqrt(bank.P[i, HEIGHT, HEIGHT])
+        sd_m = math.sqrt(bank.P[i, HEIGHT, HEIGHT] + datum_m2)
         total += bank.weight[i] * crossing_risk(crossings_per_h, margin_m, sd_m)
     return total
 
 
 @step
-def protection_level_m(bank: Record, crossings_per_h: float, risk: float, sd_m: float) -> float:
-    """The level, m, within one part in ten thousand."""
+def protection_level_m(
+    bank: Record, crossings_per_h: float, risk: float, sd_m: float, datum_m2: float
+) -> float:
+    """The level, m, within one part in ten thousand, with the variance of the datum in every
+    hypothesis."""
     high = START_SIGMA * sd_m
     for _ in range(DOUBLINGS):
-        if risk_beyond(bank, crossings_per_h, high) <= risk:
+        if risk_beyond(bank, crossings_per_h, high, datum_m2) <= risk:
             break
         high *= 1.5
     low = 0.0 if high <= START_SIGMA * sd_m else high / 1.5
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        if risk_beyond(bank, crossings_per_h, middle) > risk:
+        if risk_beyond(bank, crossings_per_h, middle, datum_m2) > risk:
             low = middle
         else:
             high = middle
@@ -69,7 +72,9 @@ def protection_level_m(bank: Record, crossings_per_h: float, risk: float, sd_m: 
 
 
 @step
-def alert_limit_m(bank: Record, crossings_per_h: float, risk: float, limit_m: float) -> float:
+def alert_limit_m(
+    bank: Record, crossings_per_h: float, risk: float, limit_m: float, datum_m2: float
+) -> float:
     """Protection level above which the height must not be published: `limit_m`, or more while a
     receiver is heard that reports a larger spread and is trusted."""
     top = heaviest(bank, 0, N)
@@ -78,4 +83,4 @@ def alert_limit_m(bank: Record, crossings_per_h: float, risk: float, limit_m: fl
     k = START_SIGMA
     for _ in range(FIXED_POINTS):  # crossings_per_h k exp(-k^2 / 2) = risk
         k = math.sqrt(2.0 * math.log(crossings_per_h * k / risk))
-    return max(limit_m, OWN_RATIO * k * math.sqrt(bank.P[top, HEIGHT, HEIGHT]))
+    return max(limit_m, OWN_RATIO * k * math.sqrt(bank.P[top, HEIGHT, HEIGHT] + datum_m2))

@@ -28,7 +28,7 @@ def publish(state: Rows, params: Rows, estimate: Rows) -> None:
     e.time_us = bank.now_us
     e.altitude_amsl_m = mean(bank, HEIGHT)
     e.climb_mps = mean(bank, CLIMB)
-    e.altitude_sd_m = math.sqrt(variance(bank, HEIGHT))
+    e.altitude_sd_m = math.sqrt(variance(bank, HEIGHT) + s.gnss.datum_m2)
     e.climb_sd_mps = math.sqrt(variance(bank, CLIMB))
     e.baro_offset_m = -mean(bank, OFFSET)
     e.baro_rate_mps = mean(bank, RATE)
@@ -37,9 +37,9 @@ def publish(state: Rows, params: Rows, estimate: Rows) -> None:
     e.innovation_m = s.gnss.innovation_m
     e.height_above_takeoff_m = height_above_takeoff_m(s.takeoff, bank)
     crossings, risk = p.crossings_per_h, p.integrity_risk_probability
-    level_m = protection_level_m(bank, crossings, risk, e.altitude_sd_m)
+    level_m = protection_level_m(bank, crossings, risk, e.altitude_sd_m, s.gnss.datum_m2)
     e.protection_level_m = max(level_m, s.gnss.against_m)
-    e.alert_limit_m = alert_limit_m(bank, crossings, risk, p.alert_limit_m)
+    e.alert_limit_m = alert_limit_m(bank, crossings, risk, p.alert_limit_m, s.gnss.datum_m2)
     e.qnh_pa, e.qnh_sd_pa = math.nan, math.nan
     if s.baro.seen == 1 and not is_named(s.named, BAROMETER):
         e.qnh_pa = qnh_pa(s.baro.pressure_pa, e.altitude_amsl_m)

@@ -4,7 +4,6 @@ What is heavy (Numba, NumPy, pymavlink) is imported by the commands, so that ``-
 """
 
 import errno
-import logging
 import sys
 import time
 from contextlib import suppress
@@ -15,15 +14,21 @@ import typer
 
 from companion import batch_cli, live_cli, log_cli
 from companion.common_cli import (
+    Commands,
     ConfigOption,
+    QuietOption,
+    VerboseOption,
+    compile_first,
+    compile_for,
     resolve_settings,
-    say_if_compiling,
+    set_up_saying,
+    version_option,
 )
 from companion.errors import ConfigError, KollsmanError
 from companion.output import (
+    Output,
     discard_standard_output,
     open_standard_descriptors,
-    set_up_logging,
 )
 
 if TYPE_CHECKING:
@@ -35,9 +40,10 @@ OUTPUT_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EBADF}
 
 app = typer.Typer(
     name="kollsman",
-    help="How high a MAVLink vehicle really is: barometer, GNSS and inertial sensors fused beside the autopilot.",
+    cls=Commands,
+    help="Estimate the true altitude of a MAVLink vehicle from barometer, GNSS and inertial "
+    "sensors.",
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
@@ -45,29 +51,25 @@ app = typer.Typer(
 TUNE_EXAMPLES = """\b
 Examples:
   kollsman tune damping-loop flight.tlog
-  kollsman tune damping-loop flight.tlog --out gains.yaml && kollsman replay flight.tlog --config gains.yaml
+  kollsman tune damping-loop flight.tlog --out gains.yaml
+  kollsman replay flight.tlog --config gains.yaml
 """
 
-
-def _version(wanted: bool) -> None:
-    if wanted:
-        from companion import __version__
-
-        print(f"kollsman {__version__}")
-        raise typer.Exit
+KEY_EXAMPLES = """\b
+Examples:
+  kollsman key ~/.config/kollsman/signing.key
+  kollsman run /dev/ttyAMA0:921600 --set signing.key_file=~/.config/kollsman/signing.key
+"""
 
 
 @app.callback()
 def _options(
     *,
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Log more.")] = False,
-    version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say it, and exit.")
-    ] = False,
+    verbose: VerboseOption = 0,
+    quiet: QuietOption = False,
+    version: Annotated[bool, version_option("kollsman")] = False,
 ) -> None:
-    set_up_logging(logging.DEBUG if verbose else logging.INFO)
-    if not verbose:
-        logging.getLogger("numba").setLevel(logging.WARNING)
+    set_up_saying(verbose, quiet=quiet)
 
 
 app.command(epilog=live_cli.RUN_EXAMPLES)(live_cli.run)
@@ -92,25 +94,26 @@ def _tunable(estimator: str) -> "Callable[..., Any]":
 
 @app.command(epilog=TUNE_EXAMPLES)
 def tune(
-    estimator: Annotated[
-        str, typer.Argument(help="damping-loop is the one that has gains to find.")
-    ],
+    estimator: Annotated[str, typer.Argument(help="Estimator; only damping-loop can be tuned.")],
     log: Annotated[
         Path, typer.Argument(help="A recorded log (.tlog) with an IMU of 10 Hz or more.")
     ],
     *,
     config: ConfigOption = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the random search.")] = 0,
-    generations: Annotated[int, typer.Option(min=1, max=10_000, help="How long it searches.")] = 60,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random search.")] = 0,
+    generations: Annotated[
+        int, typer.Option(min=1, max=10_000, help="Number of generations of the search.")
+    ] = 60,
     out: Annotated[
-        Path | None, typer.Option(help="Write the configuration there.", metavar="GAINS.yaml")
+        Path | None,
+        typer.Option(help="File for the configuration with the gains.", metavar="GAINS.yaml"),
     ] = None,
 ) -> None:
     """Find an estimator's gains from a flight, by the genetic algorithm of its paper."""
     tune_method = _tunable(estimator)
     log_cli.refuse_same(log, out)
     settings = resolve_settings(config, estimator)
-    say_if_compiling(estimator)
+    compile_first(settings, estimator)
 
     from companion.evaluation.samples import samples_of
 
@@ -135,7 +138,7 @@ def check(
     ] = None,
     *,
     keys: Annotated[
-        bool, typer.Option("--keys", help="Instead, list every key as a Markdown table.")
+        bool, typer.Option("--keys", help="List every key as a Markdown table instead.")
     ] = False,
 ) -> None:
     """Validate a configuration file and print the resolved configuration."""
@@ -148,7 +151,7 @@ def check(
 
 
 def _keys_table() -> str:
-    from companion.config import keys as every_key
+    from companion.config.fields import keys as every_key
     from companion.settings import CompanionSettings
 
     lines = ["| key | default | unit | allowed | meaning |", "|---|---|---|---|---|"]
@@ -179,13 +182,31 @@ def warm_up_command() -> None:
     """Compile everything now, so that the next start is quick (container images do this when
     built)."""
     from companion.settings import load_settings
-    from companion.warmup import warm_up
+    from companion.terminal import starting
 
-    settings = load_settings()
-    say_if_compiling(settings.estimator)
     started_s = time.perf_counter()
-    warm_up(settings)
+    with starting(Output(2)) as shown:
+        settings = load_settings()
+        compile_for(settings, [settings.estimator], shown)
     print(f"compiled in {time.perf_counter() - started_s:.1f} s")
+
+
+@app.command(epilog=KEY_EXAMPLES)
+def key(
+    path: Annotated[Path, typer.Argument(help="The file to make.", metavar="FILE")],
+) -> None:
+    """Make a file with a new key for MAVLink 2 signing; only its owner can read it.
+
+    The file holds a passphrase. Give the same one to the vehicle with a ground station:
+    QGroundControl (Application Settings, Telemetry, MAVLink 2 signing), Mission Planner (Setup,
+    Advanced, MAVLink signing) or MAVProxy (signing setup PASSPHRASE). Then set signing.key_file:
+    every message of Kollsman is signed, and messages that are unsigned, signed with another key, or
+    repeated are refused.
+    """
+    from companion.key_file import make_key
+
+    make_key(path)
+    print(f"wrote {path}; run: kollsman run LINK --set signing.key_file={path.absolute()}")
 
 
 def _tell(problem: str) -> None:

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,14 +13,15 @@ from companion.common_cli import (
     ConfigOption,
     EstimatorOption,
     SetOption,
+    compile_first,
     resolve_settings,
-    say_if_compiling,
 )
 from companion.errors import ConfigError, LogFormatError
 from companion.report_cli import show
 
 if TYPE_CHECKING:
     from companion.replay.expect import Outcome
+    from companion.replay.run import Replayed
     from companion.settings import CompanionSettings
 
 REPLAY_EXAMPLES = """\b
@@ -28,6 +29,7 @@ Examples:
   kollsman replay flight.tlog
   kollsman replay flight.BIN --csv altitude.csv             (or OUT.parquet)
   kollsman replay flight.ulg --out with-altitude.tlog       (then open it in MAVExplorer)
+  kollsman replay flight.BIN --report flight.html           (open it in a browser)
   kollsman replay flight.tlog --json | jq '.sessions[0].sources'
   kollsman replay sitl.tlog --expect 'max<10' --expect 'nees<2' --junit result.xml
 """
@@ -45,7 +47,9 @@ LogsArgument = Annotated[
 ]
 SettleOption = Annotated[
     float,
-    typer.Option(min=0, help="Seconds at the start of each session left out.", metavar="S"),
+    typer.Option(
+        min=0, help="Time at the start of each session that the errors leave out, s.", metavar="S"
+    ),
 ]
 ExpectOption = Annotated[
     list[str] | None,
@@ -59,36 +63,50 @@ ExpectOption = Annotated[
 CsvOption = Annotated[
     Path | None,
     typer.Option(
-        help="One row for each barometer and GNSS sample; Parquet where the name ends so.",
+        help="File of estimates, one row for each barometer and GNSS sample; Parquet if its name "
+        "ends in .parquet.",
         metavar="OUT.csv",
     ),
 ]
+ReportOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="The flight report: a page with verdict, linked charts and tables; the charts alone "
+        "where the name ends with .png.",
+        metavar="OUT.html",
+    ),
+]
 OutOption = Annotated[
-    Path | None, typer.Option(help="The log with our ALTITUDE in it.", metavar="OUT.tlog")
+    Path | None, typer.Option(help="Copy of the log with our ALTITUDE in it.", metavar="OUT.tlog")
 ]
 JsonOption = Annotated[
-    bool, typer.Option("--json", help="The report as JSON (docs/report-schema.md).")
+    bool, typer.Option("--json", help="Print the report as JSON (docs/report-schema.md).")
 ]
 SmoothOption = Annotated[
-    bool, typer.Option("--smooth", help="Also the best altitude after the fact, in the rows.")
+    bool, typer.Option("--smooth", help="Add the smoothed altitude to the rows.")
 ]
 PlotOption = Annotated[
     Path | None,
-    typer.Option(help="Curves over time (extra `sim`); one file a session.", metavar="OUT.png"),
+    typer.Option(
+        help="Picture of the curves over time (extra `sim`); one file for each session.",
+        metavar="OUT.png",
+    ),
 ]
 StanfordOption = Annotated[
     Path | None,
-    typer.Option(help="Error against protection level (extra `sim`).", metavar="OUT.png"),
+    typer.Option(
+        help="Picture of the error against the protection level (extra `sim`).", metavar="OUT.png"
+    ),
 ]
 AlertLimitOption = Annotated[
-    float, typer.Option(min=1, help="Of the Stanford diagram, in metres.", metavar="M")
+    float, typer.Option(min=1, help="Alert limit of the Stanford diagram, m.", metavar="M")
 ]
 SomeEstimatorsOption = Annotated[
     list[str] | None,
-    typer.Option("--estimator", help="Only this one; repeatable. Default: all.", metavar="NAME"),
+    typer.Option("--estimator", help="Estimator to run; repeatable. Default: all.", metavar="NAME"),
 ]
 JunitOption = Annotated[
-    Path | None, typer.Option(help="Write the outcomes of --expect there.", metavar="OUT.xml")
+    Path | None, typer.Option(help="JUnit file for the outcomes of --expect.", metavar="OUT.xml")
 ]
 
 
@@ -100,6 +118,7 @@ def replay(
     changes: SetOption = None,
     csv: CsvOption = None,
     out: OutOption = None,
+    report: ReportOption = None,
     as_json: JsonOption = False,
     smooth: SmoothOption = False,
     settle: SettleOption = 60.0,
@@ -107,30 +126,48 @@ def replay(
     junit: JunitOption = None,
 ) -> None:
     """Run logs through the same code as live, and report each session."""
-    for log in logs:
-        refuse_same(log, out, csv)
-    if len(logs) > 1 and (out or csv):
-        raise ConfigError("--csv and --out take one log; name one, or use `kollsman batch`")
+    _refuse_outputs(logs, out, csv, report)
     settings = resolve_settings(config, estimator, changes)
     from companion.replay import expect as expecting
 
     expectations = expecting.parse(expect or [])
-    say_if_compiling(settings.estimator)
+    compile_first(settings, settings.estimator)
     reports, outcomes = [], []
+    pages: list[Path] = []
     for log in logs:
-        report = _replay_one(log, settings, settle, csv, out, smoothing=smooth)
-        for session in report["sessions"]:
+        found = _replay_one(log, settings, settle, csv, out, smoothing=smooth)
+        if report:
+            from companion.replay.reports import write_reports
+
+            pages = write_reports(found, report, log.name)
+        for session in found.report["sessions"]:
             where = f"{log.name} session {session['session']}"
             outcomes += expecting.hold(where, expectations, session["sources"].get("estimate"))
-        reports.append(report)
+        reports.append(found.report)
         if not as_json:
-            show(report)
+            show(found.report)
     if as_json:
         print(json.dumps(reports[0] if len(reports) == 1 else reports, indent=2))
     else:
-        for path in filter(None, (csv, out)):
+        for path in filter(None, (csv, out, *pages)):
             print(f"wrote {path}")
     conclude("kollsman replay", outcomes, junit)
+
+
+def _refuse_outputs(
+    logs: list[Path], out: Path | None, csv: Path | None, report: Path | None
+) -> None:
+    """Refuse what cannot be written, before a log is read."""
+    for log in logs:
+        refuse_same(log, out, csv, report)
+    if len(logs) > 1 and (out or csv or report):
+        raise ConfigError(
+            "--csv, --out and --report take one log; name one, or use `kollsman batch`"
+        )
+    if report:
+        from companion.replay.reports import check
+
+        check(report)
 
 
 def _replay_one(
@@ -141,8 +178,8 @@ def _replay_one(
     out: Path | None,
     *,
     smoothing: bool,
-) -> dict[str, Any]:
-    """Replay a log, write what was asked for, and return its report."""
+) -> "Replayed":
+    """Replay a log, and write the tables and the log that were asked for."""
     from companion.logs.tlog import TlogWriter
     from companion.replay.run import replay as replay_log
     from companion.replay.table import write
@@ -160,7 +197,7 @@ def _replay_one(
         )
     if csv:
         write(csv, found.tables())
-    return found.report
+    return found
 
 
 def compare(
@@ -175,16 +212,18 @@ def compare(
     alert_limit: AlertLimitOption = 50.0,
     settle: SettleOption = 60.0,
 ) -> None:
-    """Every estimator on one log, beside raw barometer, raw GNSS and the autopilot's own."""
+    """Compare every estimator on one log with raw barometer, raw GNSS and the autopilot's
+    altitude."""
     refuse_same(log, plot, stanford)
     settings = resolve_settings(config, None, changes)
     names = _estimators(estimator)
-    say_if_compiling(*names)
+    compile_first(settings, *names)
 
     from companion.evaluation import compare as comparing
     from companion.evaluation import comparison_plots as plots
     from companion.evaluation import table as comparing_table
-    from companion.replay.summary import document, utc
+    from companion.replay.findings import utc
+    from companion.replay.schema import document
 
     with bar(log.name, 1.0) as advance:
         found = comparing.compare_sessions(log, settings, settle, advance, names)

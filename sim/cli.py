@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from companion.common_cli import Commands, version_option
 from companion.errors import KollsmanError
 from companion.log_cli import ExpectOption, JunitOption, hold_log
 from sim.flight_cli import DemoTable, print_summary, run_with_progress
 from sim.studies import cli as fleet
 from sim.studies import limits_cli
 from sim.studies.goals import cli as evaluation
+from sim.studies.papers import cli as papers_cli
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
@@ -26,9 +28,9 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="kollsman-sim",
-    help="JSBSim flies a real aircraft model through weather and speaks MAVLink as an autopilot would.",
+    cls=Commands,
+    help="Simulate a MAVLink autopilot: JSBSim flies an aircraft model through weather.",
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
@@ -40,7 +42,8 @@ Examples:
   In real time to a ground station or the companion:
     kollsman-sim fly weather-change --link udpout:127.0.0.1:14550
   As PX4, the companion on one link and a ground station on another:
-    kollsman-sim fly weather-change --flavour px4 --link udpout:127.0.0.1:14540 --link udpout:127.0.0.1:14550
+    kollsman-sim fly weather-change --flavour px4 --link udpout:127.0.0.1:14540 \\
+      --link udpout:127.0.0.1:14550
   Twenty times as fast, to whoever connects, and to a log:
     kollsman-sim fly weather-change --link tcpin:0.0.0.0:5760 --speed 20 --tlog flight.tlog
   Your own scenario with a different seed:
@@ -58,8 +61,8 @@ Examples:
   A minute without the receiver, ten minutes into the log:
     kollsman-sim corrupt flight.tlog outage.tlog --fault outage:start_s=600,duration_s=60
   A lossy and late radio, and a barometer that spikes by 2 hPa:
-    kollsman-sim corrupt flight.tlog bad.tlog --fault drop:probability=0.2 --fault delay:delay_s=1.5,jitter_s=1 \\
-      --fault spike:quantity=pressure,size=200,probability=0.01
+    kollsman-sim corrupt flight.tlog bad.tlog --fault drop:probability=0.2 \\
+      --fault delay:delay_s=1.5,jitter_s=1 --fault spike:quantity=pressure,size=200,probability=0.01
 """
 
 
@@ -111,10 +114,18 @@ _AllStreamsOption = Annotated[
 _FlavourOption = Annotated[
     str,
     typer.Option(
-        help="Simulated autopilot: ardupilot (Plane), copter, px4 or generic. Default: the scenario's.",
+        help="Simulated autopilot: ardupilot (Plane), copter, px4 or generic. Default: the "
+        "scenario's.",
         metavar="AUTOPILOT",
     ),
 ]
+
+
+@app.callback()
+def _options(
+    *,
+    version: Annotated[bool, version_option("kollsman-sim")] = False,
+) -> None: ...
 
 
 @app.command(epilog=_FLY_EXAMPLES)
@@ -188,13 +199,15 @@ def demo(
     from sim.studies import demo as show
 
     print(
-        f"starting the companion; then {scenario} flies at {speed}x, and the autopilot receives its ALTITUDE",
+        f"starting the companion; then {scenario} flies at {speed}x, and the autopilot receives "
+        "its ALTITUDE",
         flush=True,
     )
     tlog = show.fly(scenario, pace, out, DemoTable().show, lambda text: print(text, flush=True))
     collector = show.judge(tlog)
     print(
-        f"\n{'against truth, after the first minute (m)':42s}{'RMSE':>8s}{'95 %':>8s}{'max':>8s}{'bias':>8s}"
+        f"\n{'against truth, after the first minute (m)':42s}"
+        f"{'RMSE':>8s}{'95 %':>8s}{'max':>8s}{'bias':>8s}"
     )
     for label, found in show.errors(collector).items():
         print(
@@ -284,7 +297,8 @@ def corrupt(
         report = partial(_report_packets, bar, task)
         found = copy(source, target, faults, seed, report)
     print(
-        f"{target}: {found.written} of {found.read} packets written, {found.touched} of them changed or delayed"
+        f"{target}: {found.written} of {found.read} packets written, {found.touched} of them "
+        "changed or delayed"
     )
 
 
@@ -312,58 +326,10 @@ def _print_faults() -> None:
     Console().print(shown)
 
 
-@app.command()
-def reproduce(
-    papers: Annotated[
-        list[str] | None,
-        typer.Argument(help="Key letters: H W C R K. Default: all.", metavar="[KEY]..."),
-    ] = None,
-    *,
-    seeds: Annotated[
-        int | None,
-        typer.Option(min=2, help="Monte-Carlo runs a paper. Default: each paper's own number."),
-    ] = None,
-    seed_root: Annotated[
-        int, typer.Option(min=0, help="Another number draws other random numbers.", metavar="N")
-    ] = 0,
-    out: Annotated[
-        Path, typer.Option(help="Folder of the pages and figures.", metavar="DIR")
-    ] = Path("out/papers"),
-) -> None:
-    """Repeat the simulations of the five papers and compare the estimators with the printed
-    results."""
-    from rich.console import Console
-    from rich.progress import Progress as ProgressBar
-
-    from sim.studies.page import SEED_ROOT
-    from sim.studies.papers import PAPERS
-    from sim.studies.papers.page import summary
-
-    SEED_ROOT.set(seed_root)
-
-    keys = list(dict.fromkeys(key.upper() for key in papers or PAPERS))
-    unknown = [key for key in keys if key not in PAPERS]
-    if unknown:
-        raise _usage(f"paper '{unknown[0]}' is unknown: give one of {', '.join(PAPERS)}")
-    console = Console(stderr=True)
-    with ProgressBar(console=console, transient=True, disable=not console.is_terminal) as bar:
-        for key in keys:
-            paper = PAPERS[key]
-            task = bar.add_task(paper.slug, total=1.0)
-            report = partial(_report_share, bar, task, paper.slug)
-            page = paper.reproduce(seeds or paper.seeds, out, report)
-            path = page.write()
-            report(1.0, "done")
-            print(f"{key}  {path}  {page.seeds} seeds: {summary(page.counts)}")
-
-
 app.command(epilog=evaluation.EXAMPLES)(evaluation.evaluate)
 app.command(epilog=fleet.FEEDBACK_EXAMPLES)(fleet.feedback)
 app.command(epilog=limits_cli.EXAMPLES)(limits_cli.limits)
-
-
-def _report_share(bar: "Bar", task: "TaskID", name: str, fraction: float, what: str) -> None:
-    bar.update(task, completed=fraction, description=f"{name}: {what}")
+app.command(epilog=papers_cli.EXAMPLES)(papers_cli.reproduce)
 
 
 def main() -> None:

@@ -64,6 +64,7 @@ def main() -> None:
         campaigns,
         estimators,
         logs,
+        papers,
     )
     for part in [part for part in parts if part.__name__ in sys.argv[1:]] or parts:
         print(f"measuring: {part.__name__.replace('_', ' ')} ...", file=sys.stderr, flush=True)
@@ -406,9 +407,10 @@ def cpu_of(action: Callable[[], object]) -> float:
 
 
 PARTS = {
-    "sim/aircraft.py": "JSBSim and its properties", "sim/sensors": "sensors", "sim/pilot": "autopilot, profile",
-    "sim/vehicle/ardupilot.py": "payloads of messages", "sim/vehicle/ports.py": "rates, frames",
-    "sim/vehicle/frames.py": "rates, frames", "sim/vehicle/vehicle.py": "vehicle", "sim/vehicle/own_estimate.py": "vehicle",  # noqa: E501
+    "sim/aircraft.py": "JSBSim and its properties", "sim/sensors": "sensors",
+    "sim/pilot": "autopilot, profile", "sim/vehicle/ardupilot.py": "payloads of messages",
+    "sim/vehicle/ports.py": "rates, frames", "sim/vehicle/frames.py": "rates, frames",
+    "sim/vehicle/vehicle.py": "vehicle", "sim/vehicle/own_estimate.py": "vehicle",
     "companion/logs": "log", "sim/flight.py": "the loop", "sim/weather": "weather",
 }  # fmt: skip
 
@@ -490,9 +492,33 @@ def estimators() -> list[Row]:
     return rows
 
 
+def papers() -> list[Row]:
+    """Paper H, section 5: processor time of the adaptive filter over that of the fixed one, on the
+    paper's descent under drift; median of 15 pairs."""
+    from sim.studies.page import generators
+    from sim.studies.papers.adaptive_fusion import simulation as paper_h
+
+    rows = paper_h.VehicleRows()
+    noise = generators("H", 1)[0].standard_normal((2, paper_h.PRESSURE_KPA.size))
+    baro_m = paper_h.DRIFT.baro_m + paper_h.R_B**0.5 * noise[0]
+    rows.fill(baro_m, paper_h.DRIFT.truth_m + paper_h.R_GPS**0.5 * noise[1])
+
+    def fifty(gain: paper_h.Gain) -> None:
+        for _ in range(50):
+            rows.estimates(gain)
+
+    rows.estimates("fixed")
+    ratios = [
+        cpu_of(partial(fifty, "adaptive")) / cpu_of(partial(fifty, "fixed")) for _ in range(15)
+    ]
+    return [
+        ("paper H: adaptive over fixed filter, processor time", f"{median(ratios):.2f}", "1.14")
+    ]
+
+
 def logs() -> list[Row]:
-    """Reading and replaying logs, on one simulated flight repeated to 50 MB; by processor time, which
-    other programs do not change."""
+    """Reading and replaying logs, on one simulated flight repeated to 50 MB; by processor time,
+    which other programs do not change."""
     import struct
 
     from pymavlink import mavutil

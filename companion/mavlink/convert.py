@@ -19,7 +19,6 @@ UNKNOWN_U16 = 65535
 UNKNOWN_U8 = 255
 NO_DOP = 9999
 FIX_3D = 3
-NAN3 = (math.nan, math.nan, math.nan)
 
 
 class TimeBase(Enum):
@@ -57,8 +56,8 @@ def scaled_pressure(message: Message, instance: int) -> Readings:
 
 
 def airspeed_mps(dynamic_pa: float) -> float:
-    """Calibrated airspeed of a dynamic pressure (impact pressure of compressible flow at sea level);
-    0 below 0, NaN beyond the speed of sound, where there is a shock."""
+    """Calibrated airspeed of a dynamic pressure (impact pressure of compressible flow at sea
+    level); 0 below 0, NaN beyond the speed of sound, where there is a shock."""
     ratio = max(0.0, dynamic_pa) / 101_325.0
     return (
         340.294 * math.sqrt(5.0 * ((ratio + 1.0) ** (2.0 / 7.0) - 1.0))

@@ -26,8 +26,8 @@ _START = re.compile(rb"[\xfd\xfe]")
 
 
 def _v1_lengths(kind: Any) -> range:
-    """From the size without extensions (fields with a default, last on the wire) to the size with
-    them."""
+    """Payload lengths from the size without extensions (fields with a default, last on the wire) to
+    the size with them."""
     count = len(kind.fieldnames) - len(kind.__init__.__defaults__ or ())
     codes = kind.native_format.decode().lstrip("<")[:count]
     base = "".join(
@@ -44,14 +44,15 @@ CRC_EXTRA: dict[int, int] = {number: kind.crc_extra for number, kind in mavlink.
 V1_LENGTHS: dict[int, range] = {
     number: _v1_lengths(kind) for number, kind in mavlink.mavlink_map.items()
 }
-"""Payload lengths by message id. They must fit, or MAVLink 1 finds a frame in every 2 MB of noise."""
+"""Payload lengths by message id. They must fit, or MAVLink 1 finds a frame in every 2 MB of
+noise."""
 
 
 class Frame(NamedTuple):
-    """One whole frame with a correct checksum. Signatures are not verified."""
+    """One whole frame with a correct checksum. Its signature is verified by `signing`."""
 
     data: bytes
-    """from the start byte to the end of the checksum, or of the signature"""
+    """bytes from the start byte to the end of the checksum, or of the signature"""
     message_id: int
     system_id: int
     component_id: int
@@ -67,21 +68,27 @@ class FrameReject(StrEnum):
     """Why bytes did not become a message. JUNK counts bytes, all others count frames."""
 
     JUNK = "junk bytes"
-    """outside any frame"""
+    """bytes outside any frame"""
     CRC = "bad checksum"
-    """damaged on the way"""
+    """damaged in transmission"""
     DIALECT = "other dialect"
-    """undamaged, but by another definition of a message id we know"""
+    """undamaged, by another definition of a known message id"""
     UNKNOWN_ID = "unknown message"
-    """undamaged, with a message id that we do not know"""
+    """undamaged, with an unknown message id"""
     FLAGS = "unknown flags"
-    """incompatibility flags other than "signed": MAVLink forbids to read on"""
+    """incompatibility flags other than "signed", with which MAVLink forbids to read the frame"""
     TRUNCATED = "cut frame"
     """the stream, datagram or log ended inside it"""
     DECODE = "bad payload"
     """a good frame with a payload that pymavlink refuses"""
     TIMESTAMP = "bad time stamp"
-    """a good frame of a log, with a time that cannot be"""
+    """a good frame of a log, with an impossible time"""
+    UNSIGNED = "unsigned"
+    """a good frame without a signature, where signatures are required"""
+    SIGNATURE = "bad signature"
+    """a good frame, signed with another key"""
+    REPEATED = "repeated signature"
+    """signed with our key, but not newer than what came before"""
 
 
 FOREIGN = frozenset({FrameReject.DIALECT, FrameReject.UNKNOWN_ID})
@@ -89,8 +96,8 @@ FOREIGN = frozenset({FrameReject.DIALECT, FrameReject.UNKNOWN_ID})
 
 
 def extent(buffer: bytes, offset: int) -> int:
-    """The length in bytes which the start byte at `offset` claims for its frame (all there is, if
-    unknowable)."""
+    """The length in bytes of the frame whose start byte is at `offset`, by its header (the
+    rest of the data, where the header does not tell)."""
     available = len(buffer) - offset
     if available >= 3 and buffer[offset] == V2:
         signature = SIGNATURE if buffer[offset + 2] & _SIGNED else 0

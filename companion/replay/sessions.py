@@ -20,8 +20,10 @@ from companion.logs.files import opened
 from companion.mavlink.codec import Frame, FrameReject, Message, decode, mavlink
 from companion.mavlink.convert import TimeBase
 from companion.mavlink.identity import autopilot_name, is_autopilot
-from companion.pipeline import Observer, Pipeline
+from companion.observer import Observer
+from companion.pipeline import Pipeline
 from companion.recorded import Item, Sensed
+from companion.replay.events import LinkQuality
 from companion.samples import Kind, Rows, Verdict
 from companion.settings import CompanionSettings
 
@@ -55,6 +57,8 @@ class Session(Generic[Seen]):
     reason: str = ""
     notes: list[str] = field(default_factory=list)
     """who else spoke, and when the vehicle fell silent"""
+    link: LinkQuality = field(default_factory=LinkQuality)
+    """frames and lost frames by sender, of logs that hold frames"""
     rebooted: bool = False
     """it began with a restart of the vehicle's clock"""
 
@@ -131,7 +135,7 @@ class _Splitter(Generic[Seen]):
         session.samples = {kind: now.samples[kind] - base.samples[kind] for kind in Kind}
         session.left_out = now.left_out - base.left_out
         session.heard = now.heard - base.heard
-        session.notes = list(pipeline.identity.notes)
+        session.notes = [*pipeline.identity.notes, *pipeline.intake.notes]
         session.health, session.reason = pipeline.health.health.name, pipeline.health.reason
         if session.has_height:
             self.sessions.append(session)
@@ -141,6 +145,8 @@ class _Splitter(Generic[Seen]):
         if not self._open.first_us:
             self._open.first_us = time_us
         self._open.last_us = time_us
+        if isinstance(item, Frame):
+            self._open.link.take(time_us, item)
         if isinstance(item, Frame) and item.message_id == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             message = item.message or decode(item)
             if message is not None and is_autopilot(message):
@@ -153,7 +159,8 @@ class _Splitter(Generic[Seen]):
         self._renew()
 
     def goes_on(self, boot_us: int | None) -> bool:
-        """Whether the vehicle's clock explains a step of the stamps: it went on as if nothing was."""
+        """Whether the vehicle's clock explains a step of the stamps: it went on as if nothing
+        was."""
         now_us = self.pipeline.now_us
         return boot_us is None or now_us < 0 or abs(boot_us - now_us) <= SAME_BOOT_US
 
@@ -207,8 +214,8 @@ def sessions_of(
         told = "; ".join(first.pipeline.identity.notes) or "no vehicle"
         heard = f"vehicle {latched[0]}/{latched[1]}" if latched else told
         raise LogFormatError(
-            f"{getattr(reader, 'path', 'the log')}: nothing usable in it: {heard}, no barometer and "
-            "no GNSS height"
+            f"{getattr(reader, 'path', 'the log')}: nothing usable in it: {heard}, no barometer "
+            "and no GNSS height"
         )
     return found
 

@@ -1,5 +1,5 @@
-"""From wherever the aircraft is to the runway: join the centre line, follow the glide path, flare,
-roll out.
+"""Approach and landing from any position: join the centre line, follow the glide path, flare, roll
+out.
 
 The runway is a line through the place where the scenario begins; distances along it count from the
 aiming point, in the direction of landing. Turns are led by ground track, so that wind is allowed
@@ -98,8 +98,9 @@ class Approach:
         )
         if gate_m < 4.0 * self._turn_m or self._height_m(truth) < -along_m / _GLIDE_RATIO:
             raise SimulationError(
-                f"at {truth.time_us / 1e6:.2f} s the glider is too low for the runway: {self._height_m(truth):.0f} m "
-                f"above it, {abs(along_m):.0f} m along and {abs(right_m):.0f} m across: land from a higher leg"
+                f"at {truth.time_us / 1e6:.2f} s the glider is too low for the runway: "
+                f"{self._height_m(truth):.0f} m above it, {abs(along_m):.0f} m along and "
+                f"{abs(right_m):.0f} m across: land from a higher leg"
             )
         return gate_m
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from companion.clock import ManualClock
 from companion.errors import SimulationError
 from companion.feedback import Feedback, FeedbackSettings, Mark
+from companion.jobs import Row, results
 from companion.links.memory import pair
 from companion.pipeline import Pipeline
 from companion.samples import Packet
@@ -25,12 +26,12 @@ from sim import BOOT_UNIX_US
 from sim.flight import Flight
 from sim.scenario import Scenario, load_scenario
 from sim.studies.page import markdown_table
-from sim.studies.runs import Row, results, run
+from sim.studies.runs import run
 
 DRIFT_M_PER_PA = 1.0 / 11.3
 """metres of altitude for a pascal at 600 m of the standard atmosphere"""
 START_S = 210.0
-"""when the drift begins: take-off and climb are over"""
+"""start of the drift: take-off and climb are over"""
 RATES_HZ = {"RAW_IMU": 10.0, "SIM_STATE": 0.0, "ATTITUDE": 4.0, "GLOBAL_POSITION_INT": 4.0}
 HOLDS = (
     "weather-change",
@@ -59,7 +60,7 @@ class Case:
     """weather of a scenario, instead of the drift"""
 
     def scenario(self) -> Scenario:
-        """What is flown: a hold at 600 m, or 500 m above the field in a scenario's weather."""
+        """The flight: a hold at 600 m, or 500 m above the field in a scenario's weather."""
         if self.hold_of:
             return self._hold(load_scenario(self.hold_of))
         pressure = [{"time_s": START_S, "sea_level_hpa": 1013.25}]
@@ -185,7 +186,7 @@ def fly(job: Job) -> list[Row]:
 
 
 def _start(marks: list[Mark | None]) -> Pipeline:
-    """A companion that keeps its mark in `marks`."""
+    """Start a companion that keeps its mark in `marks`."""
 
     def keep(mark: Mark | None) -> bool:
         marks[0] = mark
@@ -265,14 +266,14 @@ def _page(lines: list[tuple[Case, dict[str, float], dict[str, float]]]) -> str:
     figures = "\n\n".join(f"![{case.name}]({_slug(case.name)}.png)" for case, *_ in lines)
     return (
         "# Feedback to the autopilot\n\n"
-        "Written by `kollsman-sim feedback`. The simulated ArduPilot flies by its own altitude. Errors of "
-        "that altitude from 210 s on, RMSE / largest, in metres, without and with feedback (`feedback.mode: "
-        "baro-alt-offset`, all other keys at their defaults), one seed each. The drift is real: the sea-level "
-        "pressure changes.\n\n"
+        "Written by `kollsman-sim feedback`. The simulated ArduPilot flies by its own altitude. "
+        "Errors of that altitude from 210 s on, RMSE / largest, in metres, without and with "
+        "feedback (`feedback.mode: baro-alt-offset`, all other keys at their defaults), one seed "
+        "each. The drift is real: the sea-level pressure changes.\n\n"
         f"{markdown_table(head, table)}\n\n"
-        f"Goals at a drift of .05 m/s: AMSL {GOALS['amsl_rmse_m']} / {GOALS['amsl_max_m']}, above home "
-        f"{GOALS['relative_rmse_m']} / {GOALS['relative_max_m']}; in every case at most 1.1 times the RMSE "
-        "without feedback; no change above .15 m by a write.\n\n"
+        f"Goals at a drift of .05 m/s: AMSL {GOALS['amsl_rmse_m']} / {GOALS['amsl_max_m']}, above "
+        f"home {GOALS['relative_rmse_m']} / {GOALS['relative_max_m']}; in every case at most 1.1 "
+        "times the RMSE without feedback; no change above .15 m by a write.\n\n"
         f"{figures}\n"
     )
 

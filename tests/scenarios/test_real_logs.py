@@ -65,20 +65,21 @@ KNOWN_MISSES = {
     for estimator in ("baro-gnss-ins", "damping-loop", "baro-ins-kf")
     for log in ("SITL_wlichon_mixed_signed", "SITL_wlichon_twin_sysid2")
 }
-"""These failed in the slow run of 2026-11-28 after identification and the vehicle clock changed; cause not found."""
+"""These failed in the slow run of 2026-11-28 after identification and the vehicle clock changed;
+cause not found."""
 
 
 def marks(name: str, estimator: str) -> list[pytest.MarkDecorator]:
-    """Slow ones, and known misses."""
-    slow = CASES[name].slow or estimator != DEFAULT_ESTIMATOR
-    found = [pytest.mark.slow] if slow else []
+    """Slow and long ones, and known misses."""
+    slow, other = CASES[name].slow, estimator != DEFAULT_ESTIMATOR
+    found = [pytest.mark.long if slow and other else pytest.mark.slow] if slow or other else []
     if (estimator, Path(name).stem) in KNOWN_MISSES:
         return [*found, pytest.mark.xfail(strict=False, reason="cause not found")]
     return found
 
 
 def cases() -> list[Any]:
-    """Every recording with the default estimator; with all others in the slow run."""
+    """Every recording with the default estimator; with the others in the slow and long runs."""
     return [
         pytest.param(
             name,

@@ -1,4 +1,5 @@
-"""Steps of the estimator `companion.estimators.baro_gnss_ins`, whose docstring has paper, letters and departures."""
+"""Steps of the estimator `companion.estimators.baro_gnss_ins`, whose docstring has paper, letters
+and departures."""
 
 import math
 
@@ -157,7 +158,8 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
 
 @step
 def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
-    """Height, horizontal position, velocity and course of a fix, against the state at its own time."""
+    """Height, horizontal position, velocity and course of a fix, against the state at its own
+    time."""
     s, p = state[0], params[0]
     if sample[0].instance != 0:
         return tally(state, GNSS, IGNORED)
@@ -201,7 +203,7 @@ def gnss_serves(state: Rows) -> bool:
 def on_air(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     """A setting of the altimeter waits for the next pressure. A temperature alone is IGNORED."""
     s = state[0]
-    verdict = admit_setting(state, sample)
+    verdict = admit_setting(state, sample, False)
     if verdict != USED:
         return verdict
     note_air(s.setting, sample, not math.isnan(s.baro.h_p_m))

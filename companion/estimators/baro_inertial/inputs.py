@@ -4,25 +4,27 @@ J. Keighobadi, H. Nourmohammadi, S. Rafatnia, "Design and Implementation of GA F
 Baro-inertial Altitude Error Compensation". `damping_loop` and `baro_ins_kf` differ only in how they
 join the two inputs of this module:
 
-==============  =========================  =============================================================
-H               ``calibrated_m``           barometer height, compensated for an atmosphere that is not standard (2)
-A_z             ``acceleration_mps2``      upward acceleration: specific force along the vertical, less local gravity
-==============  =========================  =============================================================
+==============  =========================  =========================================================
+H               ``calibrated_m``           barometer height, calibrated for the atmosphere (2)
+A_z             ``acceleration_mps2``      vertical specific force, less local gravity
+==============  =========================  =========================================================
 
 Start height
 ------------
-The paper computes s and b of (2) from temperature and pressure "at sea level", which (5) derives from the very
-height that is to be calibrated: it is circular, and on an exactly standard day it shifts a vehicle at 1350 m by -82 or
-+85 m. Here the height of the start is given: the median of the first ``start_fixes`` credible GNSS heights (each
-compared with the barometer at its own time, so that the vehicle may move meanwhile), or the setting
-``start_altitude_m``, or the indicated altitude where a QNH is known. From there on
+The paper computes s and b of (2) from temperature and pressure "at sea level", which (5) derives
+from the very height that is to be calibrated: it is circular, and on an exactly standard day it
+shifts a vehicle at 1350 m by -82 or +85 m. Here the height of the start is given: the median of the
+first ``start_fixes`` credible GNSS heights (each compared with the barometer at its own time, so
+that the vehicle may move meanwhile), or the setting ``start_altitude_m``, or the indicated altitude
+where a QNH is known. From there on
 
     H = H_start + (1 + s) (H_p - H_p,start),      1 + s = T_start / T_standard(H_p,start)
 
 which is (2) with s = Delta T / T at the start; in a layer of constant lapse rate it is exactly the
-hypsometric formula from the start's pressure, temperature and height. Without a temperature s = 0.
-The temperature that MAVLink carries is the sensor die's, 10-30 K above the air: by default it is
-not used.
+hypsometric formula from the start's pressure, temperature and height. T_start is the setting
+``start_temperature_k``, or what AIR samples tell before the start: `air.temperature_c`, a METAR, or
+HYGROMETER_SENSOR. Without a temperature s = 0. SCALED_PRESSURE carries the temperature of the
+sensor's die, 10-30 K above the air: by default it is not used.
 
 GNSS after the start
 --------------------
@@ -35,7 +37,9 @@ import math
 import numpy as np
 
 from companion.estimators.setting import (
+    KNOWN_COLUMN_RATIO,
     SETTING,
+    has_temperature,
     indicated_m,
     indicated_sd_m,
     is_set,
@@ -74,11 +78,11 @@ START_SD_M = 20.0
 """a fix with a larger spread does not count for the start: receivers slide by hundreds of metres
 while they say so"""
 SETTLE_US = 2_000_000
-"""for so long the barometer must have been there, or have contradicted the filter, before the
+"""time for which the barometer must have been there, or have contradicted the filter, before the
 filter starts at it"""
 GATE_M = 10.0
-"""no vehicle leaves its inertial path by so much between barometer samples; a step of the barometer
-does"""
+"""distance by which no vehicle leaves its inertial path between barometer samples; a step of the
+barometer does"""
 GATE_WITHOUT_IMU_MPS = 10.0
 """more for each second since the last barometer sample when nothing is known of the acceleration"""
 COAST_ERROR_MPS2, COAST_WITHOUT_IMU_MPS2 = 0.3, 1.5
@@ -86,7 +90,7 @@ COAST_ERROR_MPS2, COAST_WITHOUT_IMU_MPS2 = 0.3, 1.5
 REFERENCE_TIME_S = 30.0
 """Averaging time of GNSS heights for the reported spread."""
 COLUMN_TEMPERATURE_ERROR = 0.035
-"""of the mean temperature of the air below: 10 K of 288"""
+"""relative error of the mean temperature of the air below: 10 K of 288"""
 
 
 INPUTS = np.dtype(
@@ -104,6 +108,7 @@ INPUTS = np.dtype(
         ("start_height_m", "f8"),  # geopotential
         ("start_var_m2", "f8"),
         ("start_us", "i8"),
+        ("start_air_k", "f8"),  # air temperature told before the start, NaN none
         ("scale", "f8"),  # s of (2)
         ("wait_us", "i8"),  # since when the filter waits for the barometer, -1 not
         ("wait_m", "f8"),  # barometer height then
@@ -133,6 +138,7 @@ def start_inputs(inputs: Record) -> None:
     inputs.start_height_m = math.nan
     inputs.start_var_m2 = math.nan
     inputs.start_us = -1
+    inputs.start_air_k = math.nan
     inputs.scale = 0.0
     inputs.wait_us = -1
     inputs.wait_m = math.nan
@@ -155,7 +161,8 @@ def take_imu(inputs: Record, sample: Rows) -> bool:
 
 @step
 def take_pressure(inputs: Record, params: Rows, sample: Rows, imu_us: int) -> float:
-    """Calibrated barometer height H, geometric, of a judged sample; NaN until the start is known."""
+    """Calibrated barometer height H, geometric, of a judged sample; NaN until the start is
+    known."""
     inputs.level_m = pressure_altitude_m(sample[0].pressure_pa)
     if not math.isnan(inputs.acceleration_mps2) and sample[0].time_us - imu_us > IMU_TIMEOUT_US:
         inputs.acceleration_mps2 = math.nan
@@ -194,6 +201,13 @@ def fuse_setting(inputs: Record, sample: Rows) -> bool:
 
 
 @step
+def note_start_temperature(inputs: Record, sample: Rows) -> None:
+    """Take the air temperature of an AIR sample for that of the start, until the start."""
+    if inputs.start_us < 0 and has_temperature(sample):
+        inputs.start_air_k = sample[0].air_temperature_k
+
+
+@step
 def calibrated_m(
     level_m: float, start_level_m: float, start_height_m: float, scale: float
 ) -> float:
@@ -211,8 +225,8 @@ def note_fix(
     now_us: int,
     pressure_us: int,
 ) -> None:
-    """A judged fix: counts for the start, or is compared with `altitude_m`, the filter's altitude at the fix's
-    time (NaN none)."""
+    """A judged fix: counts for the start, or is compared with `altitude_m`, the filter's altitude
+    at the fix's time (NaN none)."""
     p = params[0]
     attitude_gnss(inputs.attitude, sample)
     sd_m = gnss_sd_m(sample, p.gnss_sd_floor_m, p.gnss_sd_unknown_m)
@@ -266,7 +280,9 @@ def _start_at(inputs: Record, time_us: int, altitude_m: float, sd_m: float) -> N
 def _note_temperature(inputs: Record, params: Rows, die_temperature_k: float) -> None:
     """s of (2): the air's temperature at the newest pressure against the standard's there."""
     temperature_k = params[0].start_temperature_k
-    if params[0].use_die_temperature == 1:
+    if math.isnan(temperature_k):
+        temperature_k = inputs.start_air_k
+    if math.isnan(temperature_k) and params[0].use_die_temperature == 1:
         temperature_k = die_temperature_k - params[0].die_excess_k
     if temperature_k > 0.0:
         inputs.scale = temperature_k / (T0_K + L0_KPM * inputs.level_m) - 1.0
@@ -298,7 +314,8 @@ def gate_m(inputs: Record, elapsed_s: float) -> float:
 
 @step
 def waited_climb_mps(inputs: Record, time_us: int, calibrated: float) -> float:
-    """The barometer's mean slope once the filter has waited long enough to start at it, else NaN."""
+    """The barometer's mean slope once the filter has waited long enough to start at it, else
+    NaN."""
     if inputs.wait_us < 0:
         inputs.wait_us = time_us
         inputs.wait_m = calibrated
@@ -338,15 +355,17 @@ def reference_sd_m(inputs: Record, params: Rows, time_us: int, altitude_m: float
     """Root mean square error to expect of the compensated barometer: start, weather, temperature,
     as far as GNSS shows.
 
-    With the variance V of the first three and the mean m of GNSS less altitude with variance M, the error is m
-    V / (V + M) on the average, spread by V M / (V + M). It is not corrected, so both count; and the
-    weather since the last fix.
+    With the variance V of the first three and the mean m of GNSS less altitude with variance M, the
+    error is m V / (V + M) on the average, spread by V M / (V + M). It is not corrected, so both
+    count; and the weather since the last fix.
     """
     p = params[0]
     since_us = inputs.start_us if inputs.reference_us < 0 else inputs.reference_us
     unseen_m = p.pressure_drift_mps * max(0.0, (time_us - since_us) * 1e-6)
     weather_m = p.pressure_drift_mps * (since_us - inputs.start_us) * 1e-6
-    column_m = COLUMN_TEMPERATURE_ERROR * (altitude_m - inputs.start_height_m)
+    told = not math.isnan(inputs.start_air_k)
+    column_error = KNOWN_COLUMN_RATIO if told else COLUMN_TEMPERATURE_ERROR
+    column_m = column_error * (altitude_m - inputs.start_height_m)
     prior = inputs.start_var_m2 + weather_m * weather_m + column_m * column_m
     weight = 0.0 if inputs.reference_us < 0 else prior / (prior + inputs.reference_var_m2)
     seen_m = weight * inputs.reference_m

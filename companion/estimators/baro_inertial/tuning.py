@@ -110,7 +110,8 @@ def note_inputs(
 
 @step
 def fly(state: Rows, params: Rows, course: Rows, velocities: Array, paths: Array) -> None:
-    """The loop over a course: its velocity, and its path (the integral of velocity), at each fix."""
+    """The loop over a course: its velocity, and its path (the integral of velocity), at each
+    fix."""
     s = state[0]
     fix, path, path_us, imu_us = 0, 0.0, 0, 0
     for i in range(course.size):
@@ -139,7 +140,7 @@ def fly(state: Rows, params: Rows, course: Rows, velocities: Array, paths: Array
 
 @step
 def mean_square(errors: Array) -> float:
-    """Of those that are known."""
+    """Mean square of the values that are known."""
     total, count = 0.0, 0
     for error in errors:
         if not math.isnan(error):
@@ -150,8 +151,8 @@ def mean_square(errors: Array) -> float:
 
 @step
 def mean_square_slope(heights: Array, times_us: Array, windows: Array) -> float:
-    """Of the least-squares slopes of heights against time; a row of `windows` is (first fix, one
-    past the last)."""
+    """Mean square of the least-squares slopes of heights against time; a row of `windows` is (first
+    fix, one past the last)."""
     total, count = 0.0, 0
     for k in range(windows.shape[0]):
         first, last = windows[k, 0], windows[k, 1]
@@ -227,7 +228,8 @@ def _checked(course: Rows) -> Rows:
     heights = course["kind"] == PRESSURE
     if not heights.any():
         raise LogFormatError(
-            "the log has no barometer with GNSS heights to start from: no gains can be found from it"
+            "the log has no barometer with GNSS heights to start from: no gains can be found from "
+            "it"
         )
     course = course[course["time_us"] >= course["time_us"][heights].min()]
     if np.count_nonzero(course["kind"] == GNSS) < LEAST_FIXES:
@@ -254,13 +256,13 @@ class Tuning:
     gains: Gains
     found: Search
     paper_cost: float
-    """of the paper's gains on the same flight"""
+    """cost of the paper's gains on the same flight"""
     has_velocity: bool
     """whether the log had GNSS vertical velocity"""
 
     @property
     def poles(self) -> tuple[complex, complex, complex]:
-        """Of the continuous loop, 1/s."""
+        """Poles of the continuous loop, 1/s."""
         return loop_poles(self.gains)
 
     @property
@@ -274,7 +276,8 @@ class Tuning:
         lines = [
             f"against {source}; {self.found.evaluations} of {2**STRING_BITS} strings tried in "
             f"{len(self.found.history) - 1} generations",
-            f"{'':14s}{'K1':>7s}{'K2':>8s}{'K3':>8s}{'cost (m/s)2':>13s}{'damping':>9s}  poles (1/s)",
+            f"{'':14s}{'K1':>7s}{'K2':>8s}{'K3':>8s}{'cost (m/s)2':>13s}{'damping':>9s}  poles "
+            "(1/s)",
         ]
         for name, gains, cost in (
             ("found", self.gains, self.found.cost),
@@ -293,7 +296,10 @@ class Tuning:
     def snippet(self) -> str:
         """Lines for companion.yaml."""
         values = "".join(f"    k{place}: {gain:.6g}\n" for place, gain in enumerate(self.gains, 1))
-        return f"estimator: {damping_loop.METHOD.name}\nestimators:\n  {damping_loop.METHOD.name}:\n{values}"
+        return (
+            f"estimator: {damping_loop.METHOD.name}\nestimators:\n  "
+            f"{damping_loop.METHOD.name}:\n{values}"
+        )
 
 
 def loop_poles(gains: Gains) -> tuple[complex, complex, complex]:

@@ -2,7 +2,7 @@
 says they are.
 
 The barometer's error drifts at a rate that is Gauss-Markov with the spread of the weather's kind,
-which changes as the bank believes; GNSS wanders and is noisy as its claimed spread is split. Height
+which changes as the bank assumes; GNSS wanders and is noisy as its reported spread is split. Height
 climbs and descends in ramps. Attitude is level. Same seed, same flight.
 """
 
@@ -22,8 +22,8 @@ Array = NDArray[np.float64]
 LATITUDE_DEG = 45.0
 STEP_S = 0.1
 AGE_US = {Kind.IMU: 2_000, Kind.PRESSURE: 63_000, Kind.GNSS: 170_000}
-"""when a row arrives: pressures and fixes after IMU samples that are newer than they are, as on a
-real link"""
+"""age of a row at its arrival: pressures and fixes arrive after newer IMU samples, as on a real
+link"""
 START_S = 30.0
 SLOW_SHARE = 0.7
 """Slow part of a receiver's spread, and white part."""
@@ -114,7 +114,7 @@ def hour(seed: int, seconds: int = 3600, gnss_sd_m: float = 4.24, baro_hz: int =
 
 
 def profile(rng: np.random.Generator, elapsed_s: Array) -> Array:
-    """Between levels of 300 to 3000 m at 2 to 5 m/s, with holds of one to five minutes."""
+    """A flight between levels of 300 to 3000 m at 2 to 5 m/s, with holds of one to five minutes."""
     times, levels = [0.0, rng.uniform(60.0, 300.0)], [rng.uniform(300.0, 3000.0)] * 2
     while times[-1] < elapsed_s[-1]:
         level = rng.uniform(300.0, 3000.0)
@@ -138,7 +138,7 @@ def smooth_over(values: Array, width: int) -> Array:
 
 
 def pressure_pa(baro_m: Array) -> Array:
-    """Of the troposphere's standard atmosphere."""
+    """Pressure of the standard troposphere."""
     geopotential_m = EARTH_RADIUS_M * baro_m / (EARTH_RADIUS_M + baro_m)
     return np.asarray(
         P0_PA * (1.0 + L0_KPM * geopotential_m / T0_K) ** (G0_MPS2 / (R_AIR * -L0_KPM))
@@ -176,7 +176,8 @@ def fly(made: Hour, settings: VerticalBankSettings | None = None) -> tuple[Rows,
 
 
 def table_at(kind: Kind, elapsed_s: Array) -> Rows:
-    """Rows of `kind` measured at `elapsed_s` and arriving `AGE_US` later; everything else unknown."""
+    """Rows of `kind` measured at `elapsed_s` and arriving `AGE_US` later; everything else
+    unknown."""
     table = np.asarray(rows(DTYPES[kind], elapsed_s.size))
     table["time_us"] = np.round((elapsed_s + START_S) * 1e6).astype(np.int64)
     table["arrival_us"] = table["time_us"] + AGE_US[kind]

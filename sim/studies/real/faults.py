@@ -17,6 +17,7 @@ from companion.estimators import DEFAULT_ESTIMATOR, ESTIMATORS, run_log
 from companion.evaluation.metrics import Array, truth_at
 from companion.evaluation.published import Published, published
 from companion.health import Health
+from companion.jobs import Row
 from companion.kernels.atmosphere import baro_altitude_array
 from companion.samples import DTYPES, FaultySensor, Kind, Rows, SampleLog, rows
 from companion.settings import CompanionSettings
@@ -24,11 +25,10 @@ from sim.studies.goals.sensor_level import pressure_pa
 from sim.studies.real import source_of
 from sim.studies.real.matrix import WRONG_M, error_of, recording, warm
 from sim.studies.real.recording import HOST_EPOCH_US, Plan
-from sim.studies.runs import Row
 
 IMU_HZ = (0, 2, 50)
 BEFORE_S, AFTER_S = 300.0, 120.0
-"""of a window, beside the longest case"""
+"""length of a window before and after the longest case"""
 LONGEST_S = 600.0
 BACK_M = 5.0
 """an estimate is back when it stays this near to the one of the healthy flight"""
@@ -153,13 +153,14 @@ class Window:
     path: Path
     imu_hz: int
     number: int
-    """of the onset, from 0; also the seed of what is laid on"""
+    """number of the onset, from 0; also the seed of the errors that are added"""
     count: int
-    """of onsets in the recording"""
+    """number of onsets in the recording"""
 
 
 def windows(paths: Sequence[Path], count: int) -> Iterator[Window]:
-    """`count` onsets, evenly over each recording without a receiver of its own, at each IMU rate."""
+    """`count` onsets, evenly over each recording without a receiver of its own, at each IMU
+    rate."""
     for path, imu_hz, number in product(paths, IMU_HZ, range(count)):
         source = source_of(path)
         if source is not None and not source.own_gnss:
@@ -257,8 +258,8 @@ def _first_s(now_us: Array, is_so: NDArray[np.bool_], since_us: float) -> float:
 
 
 def _back_s(said: Published, log: SampleLog, end_us: float) -> float:
-    """From the end of the fault until the estimate stays within `BACK_M` of the healthy flight's;
-    NaN when it does not come back within `BACK_S`."""
+    """Time from the end of the fault until the estimate stays within `BACK_M` of the healthy
+    flight's; NaN when it does not come back within `BACK_S`."""
     now_us = said.now_us.astype(np.float64)
     chosen = (now_us >= end_us) & (now_us < end_us + AFTER_S * 1e6)
     healthy, _, _ = run_log(ESTIMATORS[DEFAULT_ESTIMATOR], log)

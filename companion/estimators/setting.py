@@ -194,9 +194,3 @@ def indicated_sd_m(setting: Record, altitude_m: float, now_us: int) -> float:
     ratio = COLUMN_RATIO if math.isnan(setting.air_k) else KNOWN_COLUMN_RATIO
     column_m = ratio * (altitude_m - field_m)
     return math.hypot(math.hypot(SETTING_SD_PA * M_PER_PA, weather_m), column_m)
-
-
-@step
-def level_of(baro_m: float) -> float:
-    """Pressure altitude (geopotential) of a geometric height of the standard atmosphere."""
-    return geopotential_m(baro_m)

@@ -196,7 +196,7 @@ def _exclusions(found: dict[str, Any]) -> Iterator[Finding]:
 def _excluded(name: str, span: dict[str, Any]) -> str:
     when, lasted = _when(span), f"was excluded for {span['duration_s']:.0f} s"
     off_m, step_m = span["off_m"], span["step_m"]
-    if not (math.isfinite(off_m) and abs(off_m) >= 1.0):
+    if not (math.isfinite(off_m) and abs(off_m) >= DRIFT_M):
         return f"{name} {lasted}, {when}."
     if math.isfinite(step_m) and abs(step_m) >= 0.5 * abs(off_m):
         return f"{name} jumped {step_m:+.0f} m {when} and {lasted}."

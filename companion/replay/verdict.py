@@ -19,6 +19,8 @@ LONG_EXCLUSION_S = 5.0
 MOST_EXCLUSIONS = 4
 """exclusions of one sensor with a sentence each; more are told together"""
 MOST_NOTES = 4
+LARGER = 1.2
+"""an error that is so many times as large as reported is told"""
 SHORT_S = 60.0
 """a shorter session is too short to judge drift and accuracy"""
 CHANGE_M = 3.0
@@ -92,7 +94,7 @@ def _altitude(found: dict[str, Any]) -> Iterator[Finding]:
         yield _say(level, f"Altitude is known within {2.0 * sd_m:.1f} m (95 %).")
     if found["reference"]["kind"] == "truth" and "published" in found["sources"]:
         p95_m = found["sources"]["published"]["p95_m"]
-        if p95_m > 2.0 * sd_m:
+        if p95_m > LARGER * 2.0 * sd_m:
             yield _say("warning", f"Its error against the truth was larger: {p95_m:.1f} m (95 %).")
     yield from _short(found)
 
@@ -164,7 +166,7 @@ def _parting(found: dict[str, Any]) -> Iterator[Finding]:
     seconds = end_s - parted["from_s"]
     text = (
         f"GNSS and barometer parted by {parted['off_m']:+.0f} m in {seconds:.0f} s, "
-        f"{_when(parted)}, more than weather can make"
+        f"{_when(parted)}, faster than weather usually does"
     )
     who = {"gnss": "GNSS was wrong", "barometer": "the barometer was wrong"}
     yield _say("bad", f"{text}: {who.get(parted['sensor'] or '', 'one of them was wrong')}.")

@@ -90,13 +90,22 @@ def _altitude(found: dict[str, Any]) -> Iterator[Finding]:
     if lost >= 0.01:
         yield _say("warning", f"The altitude was lost for {lost:.0%} of the session.")
     if math.isfinite(sd_m):
-        level = "good" if 2.0 * sd_m < WRONG_M else "warning"
-        yield _say(level, f"Altitude is known within {2.0 * sd_m:.1f} m (95 %).")
+        yield _known_within(found, 2.0 * sd_m)
+    yield from _short(found)
+
+
+def _known_within(found: dict[str, Any], within_m: float) -> Finding:
+    """What the estimator says of its altitude; what the truth says, where that is worse."""
     if found["reference"]["kind"] == "truth" and "published" in found["sources"]:
         p95_m = found["sources"]["published"]["p95_m"]
-        if p95_m > LARGER * 2.0 * sd_m:
-            yield _say("warning", f"Its error against the truth was larger: {p95_m:.1f} m (95 %).")
-    yield from _short(found)
+        if p95_m > LARGER * within_m:
+            return _say(
+                "warning",
+                f"Altitude was reported to be known within {within_m:.1f} m (95 %); "
+                f"the error was {p95_m:.1f} m.",
+            )
+    level = "good" if within_m < WRONG_M else "warning"
+    return _say(level, f"Altitude is known within {within_m:.1f} m (95 %).")
 
 
 def _short(found: dict[str, Any]) -> Iterator[Finding]:

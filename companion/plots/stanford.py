@@ -41,22 +41,16 @@ def draw_stanford(
     axes.axhline(alert_limit_m, color=style.BAD, linewidth=1.0)
     axes.axvline(alert_limit_m, color=style.BAD, linewidth=1.0)
     found = regions(error_m, level_m, alert_limit_m)
-    told = [f"alert limit {alert_limit_m:g} m"]
-    told[0] += "" if alert_limit_m <= max(right, top) else ", beyond the axes"
-    told += [
-        f"{name} {100 * share:.3g} %"
-        for name, share in (
-            ("available", found.available),
-            ("unavailable", found.unavailable),
-            ("misleading", found.misleading),
-            ("hazardously misleading", found.hazardous),
-        )
-    ]
-    box = {"facecolor": style.PAPER, "alpha": 0.85, "edgecolor": style.GRID, "pad": 3.0}
-    place = {"transform": axes.transAxes, "ha": "right", "va": "top"}
-    axes.text(0.985, 0.98, "\n".join(told), fontsize=8, bbox=box, **place)
+    beyond = "" if alert_limit_m <= max(right, top) else ", beyond the axes"
+    shares = (
+        ("available", found.available),
+        ("unavailable", found.unavailable),
+        ("misleading", found.misleading),
+        ("hazardously misleading", found.hazardous),
+    )
+    told = ", ".join(f"{name} {100 * share:.3g} %" for name, share in shares)
     axes.set(
-        xlabel="|altitude error| (m)",
+        xlabel=f"|altitude error| (m)\n{told}\nalert limit {alert_limit_m:g} m{beyond}",
         ylabel="protection level (m)",
         xlim=(0.0, right),
         ylim=(0.0, top),

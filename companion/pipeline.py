@@ -24,7 +24,7 @@ from companion.mavlink.imu import ImuSelector
 from companion.mavlink.outputs import SEVERITY, Outputs, Source, heartbeat
 from companion.mavlink.parameters import Parameters
 from companion.mavlink.texts import Allowance, StatusTexts
-from companion.recorded import Item, Sensed
+from companion.recorded import Height, Item, Sensed
 from companion.samples import Kind, Packet, Rows, Verdict
 from companion.settings import CompanionSettings
 
@@ -234,7 +234,8 @@ class Pipeline:
         self.frames = []
         if isinstance(item, Sensed):
             return self._reading(item.reading, item.source, arrival_us)
-        self._compare(item.is_truth, item[1:])
+        if isinstance(item, Height):
+            self._compare(item.is_truth, item[1:])
         return []
 
     def flush(self, arrival_us: int) -> list[bytes]:

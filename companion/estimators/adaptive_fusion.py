@@ -71,6 +71,7 @@ from companion.estimators.judging import (
     judge_pressure,
     place,
     reset,
+    score,
     state_dtype,
     tally,
 )
@@ -230,6 +231,7 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     else:
         s.corrected_us = sample[0].time_us
         s.delta_m = sample[0].altitude_amsl_m - baro
+        score(state, s.delta_m, p.R_B_m2 + R_GPS)
         s.S = adaptive_factor(s.delta_m, p.R_B_m2, R_GPS) if p.adaptive == 1 else 1.0
         s.K = gain(s.S, p.R_B_m2, R_GPS)
         s.P_m2 = R_GPS * s.K
@@ -329,4 +331,5 @@ METHOD = Method(
     run=run,
     datum_invariant=True,
     follows_baro_step=True,
+    tunable=("baro_variance_m2", "gnss_sd_floor_m"),
 )

@@ -54,7 +54,8 @@ def batch(
     settle: SettleOption = 60.0,
     top: TopOption = 20,
 ) -> None:
-    """Replay a folder of logs: which altitudes were wrong, and why. Goes on where it was stopped."""
+    """Replay a folder of logs: which altitudes were wrong, and why. Goes on where it was
+    stopped."""
     settings = resolve_settings(config, estimator, changes)
     say_if_compiling(settings.estimator)
 

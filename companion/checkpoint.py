@@ -30,9 +30,9 @@ from companion.pipeline import Pipeline
 logger = logging.getLogger("kollsman.checkpoint")
 
 MAGIC = b"kollsman checkpoint 1\n"
-PARTS = ("identity", "intake", "health", "outputs", "heard", "_imu", "_scaled_pressure_us")
+PARTS = ("identity", "intake", "health", "outputs", "heard", "readings")
 """Attributes of the pipeline that continue, besides the estimator's state."""
-OPTIONAL_PARTS = ("checker", "texts", "_source", "air")
+OPTIONAL_PARTS = ("checker", "announcements", "air")
 STANDARD_CLASSES = frozenset(
     {
         ("collections", "Counter"),
@@ -227,7 +227,8 @@ class _Unpickler(pickle.Unpickler):
 
 
 def _boot_s() -> float:
-    """Seconds since the computer was started, asleep or not: steps of the wall clock do not count."""
+    """Seconds since the computer was started, asleep or not: steps of the wall clock do not
+    count."""
     return time.clock_gettime(getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
 
 

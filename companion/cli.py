@@ -9,7 +9,7 @@ import sys
 import time
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -25,21 +25,24 @@ from companion.output import (
     set_up_logging,
 )
 
-if TYPE_CHECKING:
-    pass
-
-
 OUTPUT_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EBADF}
 """What writing to standard output fails with: a full disk, a terminal that hung up."""
 
 app = typer.Typer(
     name="kollsman",
-    help="How high a MAVLink vehicle really is: barometer, GNSS and inertial sensors fused beside the autopilot.",
+    help="How high a MAVLink vehicle really is: barometer, GNSS and inertial sensors fused beside "
+    "the autopilot.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
+
+KEY_EXAMPLES = """\b
+Examples:
+  kollsman key ~/.config/kollsman/signing.key
+  kollsman run /dev/ttyAMA0:921600 --set signing.key_file=~/.config/kollsman/signing.key
+"""
 
 
 def _version(wanted: bool) -> None:
@@ -96,7 +99,7 @@ def check(
 
 
 def _keys_table() -> str:
-    from companion.config import keys as every_key
+    from companion.config.fields import keys as every_key
     from companion.settings import CompanionSettings
 
     lines = ["| key | default | unit | allowed | meaning |", "|---|---|---|---|---|"]
@@ -134,6 +137,24 @@ def warm_up_command() -> None:
     started_s = time.perf_counter()
     warm_up(settings)
     print(f"compiled in {time.perf_counter() - started_s:.1f} s")
+
+
+@app.command(epilog=KEY_EXAMPLES)
+def key(
+    path: Annotated[Path, typer.Argument(help="The file to make.", metavar="FILE")],
+) -> None:
+    """Make a file with a new key for MAVLink 2 signing; only its owner can read it.
+
+    The file holds a passphrase. Give the same one to the vehicle with a ground station:
+    QGroundControl (Application Settings, Telemetry, MAVLink 2 signing), Mission Planner (Setup,
+    Advanced, MAVLink signing) or MAVProxy (signing setup PASSPHRASE). Then set signing.key_file:
+    every message of Kollsman is signed, and messages that are unsigned, signed with another key, or
+    repeated are refused.
+    """
+    from companion.key_file import make_key
+
+    make_key(path)
+    print(f"wrote {path}; run: kollsman run LINK --set signing.key_file={path.absolute()}")
 
 
 def _tell(problem: str) -> None:

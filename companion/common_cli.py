@@ -1,4 +1,5 @@
-"""What the modules of the command line share: options, and the configuration that they resolve to."""
+"""What the modules of the command line share: options, and the configuration that they resolve
+to."""
 
 import sys
 from pathlib import Path

@@ -84,7 +84,8 @@ class HealthMonitor:
         self._alive_us: int | None = None
         self._height_us: int | None = None
         self._usable_us: int | None = None
-        """the host's clock at the newest frame, barometer or GNSS sample, and used sample of them"""
+        """the host's clock at the newest frame, barometer or GNSS sample, and used sample of
+        them"""
         self.restart()
 
     def restart(self) -> None:
@@ -121,8 +122,8 @@ class HealthMonitor:
                 self._usable_us = host_us
 
     def age(self, host_us: int, others: Callable[[], str]) -> bool:
-        """Lose the height when the vehicle has been silent on the host's clock; True when the health
-        changed.
+        """Lose the height when the vehicle has been silent on the host's clock; True when the
+        health changed.
 
         `others` tells who else is heard.
         """
@@ -214,7 +215,8 @@ class HealthMonitor:
 
 
 def excluded(estimate: Rows) -> str:
-    """Which sensor the estimator excludes, and since when on the vehicle's clock; empty when none."""
+    """Which sensor the estimator excludes, and since when on the vehicle's clock; empty when
+    none."""
     sensor = FaultySensor(int(estimate[0]["faulty"]))
     if sensor is FaultySensor.NONE:
         return ""

@@ -1,4 +1,5 @@
-"""What is heard on a link, by sender and message: counts, rates, gaps, last values. For `doctor`."""
+"""What is heard on a link, by sender and message: counts, rates, gaps, last values. For
+`doctor`."""
 
 from collections import Counter
 from collections.abc import Hashable

@@ -1,9 +1,9 @@
 """Many independent jobs on one runner: a pool of processes by default, a Dask cluster by address.
 
-A job is a frozen dataclass, and a function of one job returns rows (dictionaries that JSON can hold).
-`run` keeps the rows of every finished job in a folder and takes them from there when the same job is
-run again, so that a study or a batch that was stopped or killed continues. A job that raises has no
-rows but an error; the next run tries it again.
+A job is a frozen dataclass, and a function of one job returns rows (dictionaries that JSON can
+hold). `run` keeps the rows of every finished job in a folder and takes them from there when the
+same job is run again, so that a study or a batch that was stopped or killed continues. A job that
+raises has no rows but an error; the next run tries it again.
 """
 
 import json
@@ -60,7 +60,8 @@ def run(
     function : of a module's top level, so that a process can be sent there.
     key : a file name for a job that changes with everything its rows depend on.
     parts : folder where rows are kept; None keeps nothing.
-    weight : how long a job takes, in any unit: the longest start first, which keeps all workers busy.
+    weight : how long a job takes, in any unit: the longest start first, which keeps all workers
+        busy.
     """
     keys = [key(job) for job in jobs]
     done = {each: Done(job, rows) for each, job, rows in _kept(parts, keys, jobs)}

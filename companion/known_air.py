@@ -1,7 +1,8 @@
-"""What is known of the air beside the sensors: setting of the altimeter, temperature, field elevation.
+"""What is known of the air beside the sensors: setting of the altimeter, temperature, field
+elevation.
 
-It comes from section ``air`` of the configuration, or live through `KnownAir.set`. The pipeline tells
-it to the estimator as an AIR sample with the next pressure.
+It comes from section ``air`` of the configuration, or live through `KnownAir.set`. The pipeline
+tells it to the estimator as an AIR sample with the next pressure.
 """
 
 import re
@@ -42,8 +43,8 @@ class AirSettings(Settings):
     qnh_hpa: float | None = Field(None, ge=850, le=1100)
     """Altimeter setting (QNH) of the field of the take-off; default: as GNSS shows."""
     temperature_c: float | None = Field(None, ge=-90, le=60)
-    """Air temperature at the place of the start, in the shade; default: that of a standard day, with
-    a spread of 15 K."""
+    """Air temperature at the place of the start, in the shade; default: that of a standard day,
+    with a spread of 15 K."""
     metar: str | None = Field(None, max_length=400)
     """METAR of the field of the take-off, such as "LSZH 281420Z 24008KT CAVOK 12/08 Q1013": its QNH
     and temperature, where qnh_hpa and temperature_c are not given."""
@@ -95,8 +96,8 @@ class KnownAir:
         field_elevation_m: float | None = None,
         metar: str | None = None,
     ) -> None:
-        """Replace what is given. `field_elevation_m` alone sets the altimeter to the pressure measured
-        at rest. Raises `ConfigError`, in one line, for a value that is not possible."""
+        """Replace what is given. `field_elevation_m` alone sets the altimeter to the pressure
+        measured at rest. Raises `ConfigError`, in one line, for a value that is not possible."""
         given = {
             "qnh_hpa": qnh_hpa,
             "temperature_c": temperature_c,

@@ -184,7 +184,8 @@ def compare(
     from companion.evaluation import compare as comparing
     from companion.evaluation import comparison_plots as plots
     from companion.evaluation import table as comparing_table
-    from companion.replay.summary import document, utc
+    from companion.replay.schema import document
+    from companion.replay.summary import utc
 
     with bar(log.name, 1.0) as advance:
         found = comparing.compare_sessions(log, settings, settle, advance, names)

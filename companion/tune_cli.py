@@ -108,7 +108,8 @@ def identify(
     """Find errors of a vehicle's barometer that go with speed, throttle and temperature.
 
     Prints them as the parameters that the autopilot has for them; a coefficient that the flights do
-    not show is refused with the reason. Logs must be of one vehicle, flown without these parameters set.
+    not show is refused with the reason. Logs must be of one vehicle, flown without these parameters
+    set.
     """
     for log in logs:
         refuse_same(log, out)

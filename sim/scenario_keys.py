@@ -7,15 +7,16 @@ from typing import Any, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from companion.config import allowed_of, unit_of
+from companion.config.fields import allowed_of, unit_of
 from sim.scenario import Scenario
 from sim.sensors import SensorConfig
 
 HEAD = """# Keys of a scenario
 
-A scenario is a YAML file. What it leaves out has the default here; an unknown key, a wrong type or a value out of range
-is refused with one line that names file, line and key. `key[]` is a list. [docs/scenarios.md](../../docs/scenarios.md)
-shows how to write and fly one. Written by `make config-page`, not by hand."""
+A scenario is a YAML file. What it leaves out has the default here; an unknown key, a wrong type or
+a value out of range is refused with one line that names file, line and key. `key[]` is a list.
+[docs/scenarios.md](../../docs/scenarios.md) shows how to write and fly one. Written by `make
+config-page`, not by hand."""
 
 Row = tuple[str, str, str, str, str]
 

@@ -3,15 +3,15 @@
 C. Hajiyev, U. Hacizade, D. Cilden-Guler, "Integration of Barometric and GPS Altimeters via Adaptive
 Data Fusion Algorithm", 2019. The paper's letters:
 
-==============  =========================  =============================================================
-h^B             ``baro``                   altitude of the standard atmosphere at the measured pressure (1)
+==============  =========================  =========================================================
+h^B             ``baro``                   standard-atmosphere altitude of the pressure (1)
 h^GPS           ``altitude_amsl_m``        GNSS height
 R_B, R_GPS      ``R_B, R_GPS``             variances of the two, m2
 Delta           ``delta``                  residual h^GPS - h^B (18)
 S               ``S``                      adaptive factor on R_B (30)
 K               ``K``                      gain (16), (27)
 P               ``P``                      R_GPS K (17): the paper's figure, not an error variance
-==============  =========================  =============================================================
+==============  =========================  =========================================================
 
 The fixed filter is maximum-likelihood weighting, h = h^B + K Delta with K = R_B / (R_B + R_GPS)
 (15)-(16). The adaptive one replaces R_B by S R_B whenever Delta^2 >= R_GPS + R_B (28), with S from
@@ -21,9 +21,10 @@ filter, with ``gain: fixed`` its non-adaptive one.
 
 Errata
 ------
-S is held at 1 where (28) does not fire: (31) as printed lets S become negative (59 % of the time with the paper's
-variances and no fault), with a pole of the estimate at Delta = 0. K rises with S (the text says it falls). For
-R_B << R_GPS, P tends to R_B (below (25): to 0). `sim.studies.papers.adaptive_fusion` has the errata of the simulation.
+S is held at 1 where (28) does not fire: (31) as printed lets S become negative (59 % of the time
+with the paper's variances and no fault), with a pole of the estimate at Delta = 0. K rises with S
+(the text says it falls). For R_B << R_GPS, P tends to R_B (below (25): to 0).
+`sim.studies.papers.adaptive_fusion` has the errata of the simulation.
 
 Departures
 ----------
@@ -47,10 +48,11 @@ Departures
 
 Breaks when
 -----------
-The air is not standard: (28) then fires always and the estimate is GNSS height, a little noisier than GNSS itself
-(14.3 m against 13.0 in the paper's own drift). It fires without reason too, for 32 % of the readings of two healthy
-sensors, and then costs accuracy (9.6 m against 7.4 of the fixed filter). Between fixes it is only as good as the
-barometer. The fixed filter keeps (1-K) of every barometer error for ever.
+The air is not standard: (28) then fires always and the estimate is GNSS height, a little noisier
+than GNSS itself (14.3 m against 13.0 in the paper's own drift). It fires without reason too, for 32
+% of the readings of two healthy sensors, and then costs accuracy (9.6 m against 7.4 of the fixed
+filter). Between fixes it is only as good as the barometer. The fixed filter keeps (1-K) of every
+barometer error for ever.
 """
 
 import math
@@ -127,7 +129,8 @@ class AdaptiveFusionSettings(EstimatorSettings):
     gnss_sd_unknown_m: float = Field(13.0, gt=0, le=1000)
     """spread of a receiver that claims nothing"""
     pressure_drift_mps: float = Field(0.01, ge=0, le=10)
-    """how fast weather may move the pressure level while there is no fix: .01 m/s is 4 hPa an hour"""
+    """how fast weather may move the pressure level while there is no fix: .01 m/s is 4 hPa an
+    hour"""
 
     def derived(self) -> Mapping[str, Any]:
         """The letters of the paper."""

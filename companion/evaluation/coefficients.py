@@ -5,16 +5,17 @@ air, in pascals, on nodes of a regular grid:
 
     y = c_0 + s h + l v + lift + sum_a k_a q_a + c_t throttle + c_T (T - 25 degC) + noise
 
-s (column), l (lag), the lift-off error and, without an airspeed, two terms of the wind have priors and
-are not reported. The reference is GNSS; while the vehicle rests on the ground its height is one
+s (column), l (lag), the lift-off error and, without an airspeed, two terms of the wind have priors
+and are not reported. The reference is GNSS; while the vehicle rests on the ground its height is one
 number, so a rest is one GNSS mean. The noise has a full covariance: weather and fast error of the
 barometer, slow and white error of the receiver, as `companion.evaluation.smoother` has them. Which
-of its `WEATHERS`, how large the fast error and how much of the receiver's reported accuracy count is
-chosen by restricted maximum likelihood. Sessions add up their information about the coefficients.
+of its `WEATHERS`, how large the fast error and how much of the receiver's reported accuracy count
+is chosen by restricted maximum likelihood. Sessions add up their information about the
+coefficients.
 
 A coefficient is shown by the flights when its standard deviation is within a tenth of it, or small
-enough to matter nowhere. Breaks when something else goes with the same quantity: an error of lift is
-counted as static port where the vehicle is never much faster than it lifts off.
+enough to matter nowhere. Breaks when something else goes with the same quantity: an error of lift
+is counted as static port where the vehicle is never much faster than it lifts off.
 """
 
 import math

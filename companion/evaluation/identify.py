@@ -1,4 +1,5 @@
-"""The coefficients of a vehicle's barometer from its logs, as the parameters its autopilot has for them."""
+"""The coefficients of a vehicle's barometer from its logs, as the parameters its autopilot has for
+them."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -151,7 +152,8 @@ def flight_of(seen: Gathered) -> Flight | None:
 
 
 def _climb(baro_m: Array, step_s: float) -> Array:
-    """Slope of the barometer's height over five nodes: its own noise must not be taken for climb."""
+    """Slope of the barometer's height over five nodes: its own noise must not be taken for
+    climb."""
     known = np.isfinite(baro_m)
     filled = np.interp(np.arange(baro_m.size), np.flatnonzero(known), baro_m[known])
     smooth = np.convolve(np.pad(filled, 2, mode="edge"), np.full(5, 0.2), mode="valid")
@@ -257,7 +259,8 @@ def parameters(found: Identified) -> list[Line]:
 
 
 def _thermal(slope_pa_per_k: float, coldest_c: float, hottest_c: float) -> list[Line]:
-    """ArduPilot adds (T - 25 degC)^TCAL_BARO_EXP pascals above 25 degC, PX4 subtracts a polynomial."""
+    """ArduPilot adds (T - 25 degC)^TCAL_BARO_EXP pascals above 25 degC, PX4 subtracts a
+    polynomial."""
     reference_c = REFERENCE_K - (T0_K - 15.0)
     lines = [
         Line("PX4", "TC_B_ENABLE", 1),

@@ -1,13 +1,15 @@
-"""Noise parameters of an estimator by maximum likelihood of its innovations, cross-validated over logs.
+"""Noise parameters of an estimator by maximum likelihood of its innovations, cross-validated over
+logs.
 
 Every estimator with ``Method.tunable`` counts the log-likelihood of its innovations in its state
 (`companion.estimators.judging.score`). The keys are searched in their logarithms by L-BFGS-B with
 finite differences (`scipy.optimize`), within a factor of `WIDEST`.
 
-A key is observable when the likelihood falls by at least `LEAST_DROP` both when it is doubled and when
-it is halved, at the optimum; others keep their value. Each part (a session, or half of one when there
-is only one) is also judged with the values that the others give; unless the parts become more likely
-in sum, the tuning is refused. Source: Abbeel et al., Discriminative training of Kalman filters, 2005.
+A key is observable when the likelihood falls by at least `LEAST_DROP` both when it is doubled and
+when it is halved, at the optimum; others keep their value. Each part (a session, or half of one
+when there is only one) is also judged with the values that the others give; unless the parts become
+more likely in sum, the tuning is refused. Source: Abbeel et al., Discriminative training of Kalman
+filters, 2005.
 """
 
 import math
@@ -99,9 +101,8 @@ class Tuned:
             "on parts left out of the search: {:.4f} before, {:.4f} after".format(*self.held_out),
         ]
         for number, (reference, before_m, after_m) in enumerate(self.rmse_m, 1):
-            lines.append(
-                f"session {number}, RMSE to {reference}: {before_m:.2f} m before, {after_m:.2f} m after"
-            )
+            where = f"session {number}, RMSE to {reference}"
+            lines.append(f"{where}: {before_m:.2f} m before, {after_m:.2f} m after")
         return lines
 
     def snippet(self) -> str:
@@ -127,8 +128,9 @@ def tune(
 ) -> Tuned:
     """Tune an estimator on every session of the logs.
 
-    Raises `ConfigError` for an estimator that cannot be tuned, `LogFormatError` for logs that cannot be
-    read, or that do not show any of its keys, or from which nothing is learned for others.
+    Raises `ConfigError` for an estimator that cannot be tuned, `LogFormatError` for logs that
+    cannot be read, or that do not show any of its keys, or from which nothing is learned for
+    others.
     """
     method, settings = ESTIMATORS[estimator], settings or CompanionSettings()
     if not method.tunable:
@@ -144,20 +146,23 @@ def tune(
     parts = [part for part in _parts(logs) if likelihood.of({}, part)[1] >= LEAST_INNOVATIONS]
     if not parts:
         raise LogFormatError(
-            f"{paths[0]}: fewer than {LEAST_INNOVATIONS:.0f} innovations of {estimator}: nothing to tune on"
+            f"{paths[0]}: fewer than {LEAST_INNOVATIONS:.0f} innovations of {estimator}: "
+            "nothing to tune on"
         )
     parts = _halves(parts) if len(parts) == 1 else parts
     found, spread = _observable(likelihood, parts)
     if not found:
         raise LogFormatError(
-            f"the logs show no noise parameter of {estimator}: the likelihood of the innovations falls by "
-            f"less than {LEAST_DROP:g} when any of {', '.join(method.tunable)} is doubled or halved"
+            f"the logs show no noise parameter of {estimator}: the likelihood of the innovations "
+            f"falls by less than {LEAST_DROP:g} when any of {', '.join(method.tunable)} is doubled "
+            "or halved"
         )
     held = _held_out(likelihood, parts, list(found))
     if held[1] <= held[0]:
         raise LogFormatError(
-            f"refused: with values from the other parts, a part of the logs becomes less likely "
-            f"({held[0]:.4f} before, {held[1]:.4f} after, an innovation): the logs differ too much, or are too few"
+            "refused: with values from the other parts, a part of the logs becomes less likely "
+            f"({held[0]:.4f} before, {held[1]:.4f} after, an innovation): the logs differ too "
+            "much, or are too few"
         )
     total = [_sum(likelihood, parts, values) for values in ({}, found)]
     after = _with(section, found)

@@ -98,8 +98,8 @@ class VehicleClock:
         return self._restart(time_us)
 
     def _is_alone(self, time_us: int) -> bool:
-        """Whether late stamps have gone on for a second without a fresh one: late copies come beside
-        fresh ones, a vehicle that restarted sends no fresh one any more."""
+        """Whether late stamps have gone on for a second without a fresh one: late copies come
+        beside fresh ones, a vehicle that restarted sends no fresh one any more."""
         if time_us >= self.now_us - self._reorder_us:
             self._late_from_us = None
             return False

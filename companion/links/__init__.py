@@ -5,7 +5,8 @@ drives parsing and help.
     while True:
         data = link.receive(timeout_s=0.1)
 
-Opening raises `LinkError` with one line that says what to do. An open link never raises: see `Link`.
+Opening raises `LinkError` with one line that says what to do. An open link never raises: see
+`Link`.
 
 Adding a transport is one file with a class ``(Endpoint, Clock) -> Link`` and one line in the table.
 """
@@ -134,7 +135,8 @@ def parse_url(url: str) -> Endpoint:
     if scheme is None:
         known = ", ".join(SCHEMES)
         raise LinkError(
-            f"link {url!r} has an unknown scheme {name!r}; use the path of a serial port, or {known}"
+            f"link {url!r} has an unknown scheme {name!r}; use the path of a serial port, or "
+            f"{known}"
         )
     try:
         return scheme.parse(scheme.name, rest)

@@ -3,7 +3,8 @@
 What one link brings is handed to us and passed on to the others: a frame without a target, or with
 target system 0, to all; one with a target to the links on which that target was heard. Nothing goes
 back to the link it came from, and a frame that comes by a second way within `REPEAT_US` is dropped:
-so a loop carries every frame once. RADIO_STATUS tells of its own link alone and is not passed on.
+so a loop carries every frame once. RADIO_STATUS tells of its own link alone and is not passed on,
+nor is SETUP_SIGNING, which holds a key.
 """
 
 import select
@@ -23,7 +24,13 @@ REPEAT_US = 2_000_000
 QUIET_US = 200_000
 MOST_ROUTES = 256
 NAP_S = 0.005
-LOCAL = frozenset({mavlink.MAVLINK_MSG_ID_RADIO_STATUS, mavlink.MAVLINK_MSG_ID_RADIO})
+LOCAL = frozenset(
+    {
+        mavlink.MAVLINK_MSG_ID_RADIO_STATUS,
+        mavlink.MAVLINK_MSG_ID_RADIO,
+        mavlink.MAVLINK_MSG_ID_SETUP_SIGNING,  # it holds the key
+    }
+)
 
 Ids = tuple[int, int]
 

@@ -68,8 +68,8 @@ class _Port:
 
 
 class SerialLink(StreamLink):
-    """A port that may come and go, also under another number: a USB device that was plugged in again
-    is found by its name in /dev/serial/by-id. A port that is not there yet is waited for.
+    """A port that may come and go, also under another number: a USB device that was plugged in
+    again is found by its name in /dev/serial/by-id. A port that is not there yet is waited for.
 
     With `AUTO_BAUD` the rates of `BAUDS` are tried in turn until whole MAVLink frames arrive.
     """
@@ -168,13 +168,22 @@ def _explain(endpoint: Endpoint, error: OSError) -> str:
         if stat.S_ISDIR(mode):
             return f"{endpoint}: {device} is a directory; name a serial port in it"
         if not stat.S_ISCHR(mode):
-            return f"{endpoint}: {device} is a file, not a serial port; to read a log use 'kollsman replay'"
+            return (
+                f"{endpoint}: {device} is a file, not a serial port; to read a log use "
+                "'kollsman replay'"
+            )
     match error.errno:
         case errno.ENOENT | errno.ENODEV | errno.ENXIO:
             ports = ", ".join(serial_ports()) or "none, is the cable plugged in?"
             return f"{endpoint}: there is no {device}; serial ports here: {ports}"
         case errno.EACCES | errno.EPERM:
-            return f"{endpoint}: permission denied; sudo usermod -aG dialout $USER (join group dialout), log in again"
+            return (
+                f"{endpoint}: permission denied; sudo usermod -aG dialout $USER (join group "
+                "dialout), log in again"
+            )
         case errno.EAGAIN | errno.EBUSY:
-            return f"{endpoint}: in use by another program (ModemManager, a console, a ground station?); stop it"
+            return (
+                f"{endpoint}: in use by another program (ModemManager, a console, a ground "
+                "station?); stop it"
+            )
     return f"{endpoint}: cannot be used as a serial port ({error})"

@@ -193,8 +193,8 @@ def _refuse_broadcast(endpoint: Endpoint, family: socket.AddressFamily, address:
             probe.connect(address)
         except PermissionError:
             raise LinkError(
-                f"{endpoint}: is a broadcast address; name the vehicle's own address, or listen with "
-                f"udpin:0.0.0.0:{endpoint.number}"
+                f"{endpoint}: is a broadcast address; name the vehicle's own address, or listen "
+                f"with udpin:0.0.0.0:{endpoint.number}"
             ) from None
         except OSError:
             return  # no route yet

@@ -118,6 +118,11 @@ class Identity:
         self._source_us = 0
 
     @property
+    def is_signed(self) -> bool:
+        """Whether the vehicle has signed a frame."""
+        return self._signed_us is not None
+
+    @property
     def own(self) -> tuple[int, int]:
         """Our system and component id: the vehicle's system unless configured; 1 before one is
         known."""
@@ -191,8 +196,8 @@ class Identity:
         self._autopilots[earlier.vehicle] = _Autopilot(arrival_us)
 
     def note(self, heartbeat: Message) -> None:
-        """Remember what the vehicle's HEARTBEAT says it is: another autopilot must be named by three
-        in a row."""
+        """Remember what the vehicle's HEARTBEAT says it is: another autopilot must be named by
+        three in a row."""
         if heartbeat.autopilot != self.autopilot:
             self._changes += 1
             if self._changes < CHANGES:
@@ -205,7 +210,8 @@ class Identity:
         self._firm = self._firm or kind in (Kind.PRESSURE, Kind.GNSS)
 
     def others(self, since_us: int) -> list[str]:
-        """The autopilots and ground stations besides the vehicle that were heard after `since_us`."""
+        """The autopilots and ground stations besides the vehicle that were heard after
+        `since_us`."""
         pilots = {ids: heard.last_us for ids, heard in self._autopilots.items()}
         return [
             f"{'autopilot ' if ids in pilots else ''}{ids[0]}/{ids[1]}"
@@ -274,8 +280,8 @@ class Identity:
             if not rival.told and rival.confirmed:
                 rival.told = True
                 self.tell(
-                    f"another autopilot {_ids(speaker)} ({autopilot_name(message.autopilot)}) is heard "
-                    f"beside {_ids(self.vehicle)}: not used; vehicle.system_id chooses"
+                    f"another autopilot {_ids(speaker)} ({autopilot_name(message.autopilot)}) is "
+                    f"heard beside {_ids(self.vehicle)}: not used; vehicle.system_id chooses"
                 )
             return
         if not rival.confirmed:

@@ -12,7 +12,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from companion.config import allowed_of, unit_of
+from companion.config.fields import allowed_of, unit_of
 from companion.mavlink.codec import Message, mavlink
 
 LONGEST_NAME = 16

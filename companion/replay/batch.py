@@ -25,7 +25,8 @@ from companion.jit import source_hash
 from companion.jobs import Done, OnDone, Row, run_on
 from companion.logs import FORMATS
 from companion.replay.run import replay
-from companion.replay.summary import SETTLE_S, document
+from companion.replay.schema import document
+from companion.replay.summary import SETTLE_S
 from companion.replay.table import write
 from companion.settings import CompanionSettings
 

@@ -93,7 +93,8 @@ def _hold(
     expectations: "Sequence[Expectation]",
     junit: Path | None,
 ) -> None:
-    """Hold expectations against every flight of every estimator; a flight that failed meets none."""
+    """Hold expectations against every flight of every estimator; a flight that failed meets
+    none."""
     from companion.replay.expect import hold
 
     outcomes = [
@@ -186,7 +187,8 @@ def _estimators(chosen: list[str] | None) -> tuple[str, ...]:
     unknown = [name for name in chosen or [] if name not in ESTIMATORS]
     if unknown:
         print(
-            f"kollsman-sim: no estimator is called '{unknown[0]}'; there are: {', '.join(ESTIMATORS)}",
+            f"kollsman-sim: no estimator is called '{unknown[0]}'; there are: "
+            f"{', '.join(ESTIMATORS)}",
             file=sys.stderr,
         )
         raise typer.Exit(2)
@@ -240,9 +242,10 @@ def _print_campaign(lines: "list[Row]", failed: list[str]) -> None:
     from rich.table import Table
 
     names = {
-        "RMSE": "rmse_m", "+-": "rmse_sd_m", "95 %": "p95_m", "worst": "max_m", "climb": "climb_rmse_mps",
-        "NEES": "nees", "in 2 sd": "coverage_2", "sd": "median_sd_m", "level": "median_level_m",
-        "above": "exceedances", "us": "cost_us", "named s": "detection_s", "wrong": "wrong_share",
+        "RMSE": "rmse_m", "+-": "rmse_sd_m", "95 %": "p95_m", "worst": "max_m",
+        "climb": "climb_rmse_mps", "NEES": "nees", "in 2 sd": "coverage_2", "sd": "median_sd_m",
+        "level": "median_level_m", "above": "exceedances", "us": "cost_us",
+        "named s": "detection_s", "wrong": "wrong_share",
     }  # fmt: skip
     table = Table("scenario", "source", "n", box=None, pad_edge=False)
     for name in (*names, "found", "false", "missed"):

@@ -1,4 +1,5 @@
-"""What every log format must do. A format in `FORMATS` is tested here as soon as it has a writer."""
+"""What every log format must do. A format in `FORMATS` is tested here as soon as it has a
+writer."""
 
 import random
 from pathlib import Path

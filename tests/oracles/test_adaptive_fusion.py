@@ -1,4 +1,5 @@
-"""Paper H's filter against other roads to the same numbers, and its claims against random numbers."""
+"""Paper H's filter against other roads to the same numbers, and its claims against random
+numbers."""
 
 import math
 import time
@@ -14,7 +15,7 @@ from companion.estimators.adaptive_fusion import (
     gain,
 )
 from companion.estimators.method import run_log
-from sim.studies.papers import adaptive_fusion as paper
+from sim.studies.papers.adaptive_fusion import simulation as paper
 
 R_B, R_GPS = paper.R_B, paper.R_GPS
 

@@ -73,7 +73,8 @@ KNOWN_MISSES = {
         "SITL_uavlogviewer_flight_logs",
     )
 }
-"""These failed in the slow run of 2026-11-28 after identification and the vehicle clock changed; cause not found."""
+"""These failed in the slow run of 2026-11-28 after identification and the vehicle clock changed;
+cause not found."""
 
 LEVEL_MISSES = {
     "real/codelever_2013-10-13_16-58-51.tlog": "172 of 600 published: level 68 m of spread 15 m",

@@ -42,7 +42,8 @@ class AirDataGnssSettings(EstimatorSettings):
     """air: only a thermometer in the air is trusted; die: else the barometer's own, which is 10-30
     K too warm"""
     temperature_law: Literal["exact", "linear", "printed"] = "exact"
-    """scale factor of a temperature: T0/T - 1, its linear part, or that with the paper's wrong sign"""
+    """scale factor of a temperature: T0/T - 1, its linear part, or that with the paper's wrong
+    sign"""
     regressor: Literal["predicted", "gnss"] = "predicted"
     """height with which GNSS tells bias from scale factor: the filter's own, or GNSS height as the
     paper prints"""

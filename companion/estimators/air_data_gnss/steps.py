@@ -1,4 +1,5 @@
-"""Steps of the estimator `companion.estimators.air_data_gnss`, whose docstring has paper, letters and departures."""
+"""Steps of the estimator `companion.estimators.air_data_gnss`, whose docstring has paper, letters
+and departures."""
 
 import math
 
@@ -68,7 +69,8 @@ WEATHER_M2PS = 0.05
 """Variance rate with which weather moves the correction while there is no fix: 3 m in 200 s, 13 m
 in an hour."""
 CORRELATED_SHARE = 0.5
-"""Share of the variance of a GNSS height that does not average out: ionosphere, orbits, multipath."""
+"""Share of the variance of a GNSS height that does not average out: ionosphere, orbits,
+multipath."""
 
 STATE = state_dtype(
     ("setting", SETTING),
@@ -142,8 +144,8 @@ def fuse_waiting_fix(state: Rows, params: Rows) -> None:
 
 @step
 def fuse_setting(state: Rows, params: Rows, pressure_pa: float) -> None:
-    """The z-update of a new setting of the altimeter, as one fix at the indicated altitude, where it
-    tells more than is known."""
+    """The z-update of a new setting of the altimeter, as one fix at the indicated altitude, where
+    it tells more than is known."""
     s, p = state[0], params[0]
     if s.setting.is_new == 0:
         return

@@ -3,7 +3,7 @@
 P. F. Roysdon, J. A. Farrell, "Technical Note: Summary of Baro Pressure for GPS-INS Vertical Channel
 Stability". The paper's letters:
 
-==================  ========================  ==========================================================
+==================  ========================  ======================================================
 h_p                 ``h_p``                   barometric altitude (12), here closed-form
 p, v, q             ``position_radm`` ...     position, velocity, attitude quaternion of (14)
 b_a, b_g            ``force_bias_mps2`` ...   accelerometer and gyroscope bias of (14)
@@ -12,7 +12,7 @@ dP_d, dv_d          ``dx[2], dx[5]``          errors of the vertical channel, no
 dt_b                ``dt_b``                  barometer's time less the state's
 z, H                ``z, H``                  baro residual (15) and its row (16)
 sigma_b^2           ``baro_sd_m``             1.0 m2 (the paper prints "1.0 m")
-==================  ========================  ==========================================================
+==================  ========================  ======================================================
 
 State: seventeen errors, true minus estimated; the first fifteen are those of
 `companion.estimators.baro_gnss_ins.strapdown`, then b and s. The paper's n_s = 20 counts four
@@ -71,9 +71,10 @@ Departures
 
 Breaks when
 -----------
-The receiver's slow error exceeds what it claims: the height follows it within a minute. The air's scale error changes
-with height (an inversion): s is one number. The vehicle moves across its nose (multirotors): the course is no heading;
-when the velocities contradict for 5 s the IMU rests and is aligned again.
+The receiver's slow error exceeds what it claims: the height follows it within a minute. The air's
+scale error changes with height (an inversion): s is one number. The vehicle moves across its nose
+(multirotors): the course is no heading; when the velocities contradict for 5 s the IMU rests and is
+aligned again.
 
 Other packages use its `METHOD` only.
 """

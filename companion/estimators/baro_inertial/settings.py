@@ -14,7 +14,8 @@ class InputSettings(EstimatorSettings):
     """Keys that the sections of both filters share."""
 
     start_altitude_m: float | None = Field(None, ge=-1000, le=20_000)
-    """height above mean sea level of the place of the start, where it is known; otherwise from GNSS"""
+    """height above mean sea level of the place of the start, where it is known; otherwise from
+    GNSS"""
     start_fixes: int = Field(15, ge=1, le=MOST_START_FIXES)
     """how many credible GNSS heights the start is the median of"""
     start_temperature_k: Annotated[float, Field(gt=150, le=350)] | Literal["standard", "die"] = (

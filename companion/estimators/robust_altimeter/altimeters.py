@@ -125,7 +125,8 @@ def height_variance(pair: Record, params: Rows, k: int) -> float:
 
 @step
 def advance(pair: Record, time_us: int, up_mps2: float) -> None:
-    """Mechanise both channels to `time_us` with an upward acceleration less its estimated errors."""
+    """Mechanise both channels to `time_us` with an upward acceleration less its estimated
+    errors."""
     if pair.ins_us >= 0:
         dt = max(0.0, (time_us - pair.ins_us) * 1e-6)
         for k in range(2):

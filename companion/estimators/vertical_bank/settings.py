@@ -58,7 +58,8 @@ class VerticalBankSettings(EstimatorSettings):
     port_sd_ratio: float = Field(0.15, ge=0, le=10)
     """Static port error as a share of dynamic pressure (0.10-0.17 on four light aircraft)"""
     wind_sd_mps: float = Field(5.0, ge=0, le=100)
-    """Error of the speed that the static port is computed from: wind beside a ground speed, age of an airspeed"""
+    """Error of the speed that the static port is computed from: wind beside a ground speed, age of
+    an airspeed"""
     lift_sd_m: float = Field(8.0, ge=0, le=1000)
     """Barometer error that comes with lift-off (10-13 m on three of four light aircraft)"""
     lift_speed_mps: float = Field(28.0, gt=0, le=1000)

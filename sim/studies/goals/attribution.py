@@ -120,7 +120,8 @@ class Watch:
         e = estimate[0]
         value = row[0]["pressure_pa"] if kind is Kind.PRESSURE else row[0]["altitude_amsl_m"]
         self._rows.append(
-            (self.packet_us, self.pipeline.now_us, kind, verdict, value, e["altitude_amsl_m"], e["altitude_sd_m"],
+            (self.packet_us, self.pipeline.now_us, kind, verdict, value, e["altitude_amsl_m"],
+             e["altitude_sd_m"],
              e["protection_level_m"], e["faulty"], e["faulty_since_us"])
         )  # fmt: skip
 

@@ -159,7 +159,8 @@ class Window:
 
 
 def windows(paths: Sequence[Path], count: int) -> Iterator[Window]:
-    """`count` onsets, evenly over each recording without a receiver of its own, at each IMU rate."""
+    """`count` onsets, evenly over each recording without a receiver of its own, at each IMU
+    rate."""
     for path, imu_hz, number in product(paths, IMU_HZ, range(count)):
         source = source_of(path)
         if source is not None and not source.own_gnss:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from companion import cli
-from companion.config import keys
+from companion.config.fields import keys
 from companion.settings import CompanionSettings, load_settings
 from sim.faults import FAULTS
 from sim.scenario_keys import page

@@ -208,7 +208,10 @@ def _page(
             *(f"{100.0 * np.mean(found[key][BLAMED]):.0f}" for key in SCENARIOS),
         ]
     )
-    title = f"RMSE in m over {context.seeds} seeds (those not judged: {min(context.seeds, OTHERS_SEEDS)})"
+    title = (
+        f"RMSE in m over {context.seeds} seeds (those not judged: "
+        f"{min(context.seeds, OTHERS_SEEDS)})"
+    )
     page.grid(title, ["source", *SCENARIOS], rows)
     _figure(page, bounds)
     return page
@@ -259,10 +262,11 @@ def _figure(page: SectionPage, bounds: dict[str, tuple[float, float, Array, Arra
         axes[0].legend(ncols=5)
 
 
-_ABOUT = """The papers' common scenarios, drawn from the model whose posterior Cramer-Rao bound is known
-(`sim/evaluation/bound.py`): fixes 1 Hz with 2 m white and 4 m / 120 s Gauss-Markov error; barometer 5 Hz with 0.3 m
-white and 0.5 m / 60 s; accelerometer 0.03 m/s2 white at 5 Hz, bias 0.05, 0.01 m/s2 / 100 s; sea-level pressure known
-to 0.5 hPa at the start and drifting with 2 hPa an hour, air off by 10 K (both one sigma). The bound is a mean over the
-prior and holds for nobody's single flight. Errors count after the first minute, in S5 within the outage. Other
-estimators are as they come. S6 to S8 are held against S2, the same seeds without the fault. "Names the
-barometer" is in how many flights the bank blames the healthy barometer of S1 to S5."""
+_ABOUT = """The papers' common scenarios, drawn from the model whose posterior Cramer-Rao bound is
+known (`sim/evaluation/bound.py`): fixes 1 Hz with 2 m white and 4 m / 120 s Gauss-Markov error;
+barometer 5 Hz with 0.3 m white and 0.5 m / 60 s; accelerometer 0.03 m/s2 white at 5 Hz, bias 0.05,
+0.01 m/s2 / 100 s; sea-level pressure known to 0.5 hPa at the start and drifting with 2 hPa an
+hour, air off by 10 K (both one sigma). The bound is a mean over the prior and holds for nobody's
+single flight. Errors count after the first minute, in S5 within the outage. Other estimators are
+as they come. S6 to S8 are held against S2, the same seeds without the fault. "Names the barometer"
+is in how many flights the bank blames the healthy barometer of S1 to S5."""

@@ -283,7 +283,8 @@ def _matrix_part(page: SectionPage, rows: Sequence[Row]) -> None:
     page.grid(
         f"{DEFAULT_ESTIMATOR}, means over the runs (the last five: worst, sums)",
         ["flight", "GNSS error", "IMU Hz", "runs", "RMSE m", "raw GNSS m", "ratio", "NEES",
-         "level m", "climb m/s", "max m", "sent % (least)", "sent > 50 m", "above level", "OK wrong s"],
+         "level m", "climb m/s", "max m", "sent % (least)", "sent > 50 m", "above level",
+         "OK wrong s"],
         lines,
     )  # fmt: skip
     compared = [row for row in rows if row["error"] != "own" and row["seed"] == 1]
@@ -384,16 +385,16 @@ def _never(value: float) -> str:
     return "never" if math.isinf(value) else f"{value:.1f}"
 
 
-_ABOUT = """Flights: {flights}. What is real in each is said by its loader (`sim/studies/real`). A cell is one flight
-with one IMU rate, with or without the autopilot's attitude, with 0 or 1 s of the recorded barometer's lag taken
-out, and one error of a cheap receiver laid on: `Gauss-Markov` is 4 m over 250 s and .15 m white; `recorded`
-is what a receiver that stood still did, with the accuracy that it reported. Errors count after the first
-minute. Raw GNSS is the same receiver. "Sent" is what `companion.evaluation.published` says of ALTITUDE: the
-pipeline's own health and output rules over the estimator's output. "OK wrong" is the longest time for which
-health was OK with an error beyond 4 claimed standard deviations. Flights under half an hour are left out of
-the ratios."""
+_ABOUT = """Flights: {flights}. What is real in each is said by its loader (`sim/studies/real`). A
+cell is one flight with one IMU rate, with or without the autopilot's attitude, with 0 or 1 s of
+the recorded barometer's lag taken out, and one error of a cheap receiver laid on: `Gauss-Markov`
+is 4 m over 250 s and .15 m white; `recorded` is what a receiver that stood still did, with the
+accuracy that it reported. Errors count after the first minute. Raw GNSS is the same receiver.
+"Sent" is what `companion.evaluation.published` says of ALTITUDE: the pipeline's own health and
+output rules over the estimator's output. "OK wrong" is the longest time for which health was OK
+with an error beyond 4 claimed standard deviations. Ratios leave out flights under half an hour."""
 
-_FAULTS = """{onsets} onsets a flight, evenly spread, at IMU rates of 0, 2 and 50 Hz, Gauss-Markov error, barometer as
-recorded. `named` counts from the onset; `back` from the end of the fault until the estimate stays within 5 m of that
-of the healthy flight; `first ALTITUDE` and `OK after` from the end of the fault. The published error counts from the
-onset to two minutes after the end."""
+_FAULTS = """{onsets} onsets a flight, evenly spread, at IMU rates of 0, 2 and 50 Hz, Gauss-Markov
+error, barometer as recorded. `named` counts from the onset; `back` from the end of the fault until
+the estimate stays within 5 m of that of the healthy flight; `first ALTITUDE` and `OK after` from
+the end of the fault. The published error counts from the onset to two minutes after the end."""

@@ -144,7 +144,8 @@ def test_pressure_altitude_of_1() -> None:
 
 @pytest.mark.parametrize("warmer_k", [-25.0, 0.0, 15.0])
 def test_compensation_is_the_hypsometric_formula(warmer_k: float) -> None:
-    """(2) from the start equals the integral of dp = -rho g dH in a column of constant lapse rate."""
+    """(2) from the start equals the integral of dp = -rho g dH in a column of constant lapse
+    rate."""
     start_m, start_pa, lapse, gravity, gas = 1350.0, 85_000.0, 0.0065, 9.80665, 287.05287
     level_m = pressure_altitude_m(start_pa)
     temperature_k = 288.15 - lapse * level_m + warmer_k

@@ -1,4 +1,5 @@
-"""Coefficients of a barometer, from synthetic data with known ones, from logs, and from a JSBSim flight."""
+"""Coefficients of a barometer, from synthetic data with known ones, from logs, and from a JSBSim
+flight."""
 
 import math
 from pathlib import Path
@@ -20,7 +21,8 @@ TRUTH = {"forward": -0.12, "thrust": -90.0, "thermal": 6.0}
 
 
 def flight(seed: int, *, fast: float = 55.0, hot_k: float = 25.0, power: float = 1.0) -> Flight:
-    """Nine minutes: a rest of three, then speeds and throttle in steps; weather and receiver wander."""
+    """Nine minutes: a rest of three, then speeds and throttle in steps; weather and receiver
+    wander."""
     random = np.random.default_rng(seed)
     n, step_s = 260, 2.0
     time_s = step_s * np.arange(n)
@@ -35,12 +37,13 @@ def flight(seed: int, *, fast: float = 55.0, hot_k: float = 25.0, power: float =
         wander[k] = keep * wander[k - 1] + math.sqrt(1 - keep**2) * random.normal()
     error_pa = TRUTH["forward"] * head_pa + TRUTH["thrust"] * throttle
     error_pa += TRUTH["thermal"] * (die_k - 298.15) + 40.0 + 3.0 * np.sin(time_s / 90.0)
-    height_m = 300.0 + np.cumsum(np.where(flies, np.sin(time_s / 70.0), 0.0)) * step_s
+    climb_mps = np.where(flies, np.sin(time_s / 70.0), 0.0)
+    height_m = np.asarray(300.0 + np.cumsum(climb_mps) * step_s, np.float64)
     heads = np.full((4, n), np.nan)
     heads[0] = head_pa
     return Flight(
         time_s,
-        height_m - error_pa / WEIGHT + random.normal(0.0, 0.05, n),
+        np.asarray(height_m - error_pa / WEIGHT + random.normal(0.0, 0.05, n), np.float64),
         height_m + 1.5 * wander + random.normal(0.0, 0.5, n),
         np.full(n, 2.5),
         np.full(n, WEIGHT),
@@ -74,8 +77,8 @@ def test_what_a_flight_does_not_show_is_refused_with_the_reason() -> None:
 
 
 def test_parameters_have_the_autopilots_signs() -> None:
-    """ArduPilot subtracts coefficient times dynamic pressure, and THST_SCALE times throttle; it adds
-    (T - 25)^TCAL_BARO_EXP."""
+    """ArduPilot subtracts coefficient times dynamic pressure, and THST_SCALE times throttle; it
+    adds (T - 25)^TCAL_BARO_EXP."""
     seen = [
         Coefficient("forward", -0.1, 0.005),
         Coefficient("thrust", -80.0, 4.0),
@@ -123,8 +126,8 @@ def test_the_throttle_of_a_dataflash_log_is_read(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_coefficients_of_a_simulated_flight_are_found_within_a_tenth(tmp_path: Path) -> None:
     barometer = {
-        "static_port": 0.15, "thrust_pa": -150.0, "thermal_pa_per_k": -5.0, "thermal_sd_pa_per_k": 0.0,
-        "warming_k": 35.0, "warming_time_s": 100.0,
+        "static_port": 0.15, "thrust_pa": -150.0, "thermal_pa_per_k": -5.0,
+        "thermal_sd_pa_per_k": 0.0, "warming_k": 35.0, "warming_time_s": 100.0,
     }  # fmt: skip
     profile = [{"leg": "wait", "duration_s": 200}, {"leg": "take_off"}]
     profile += [{"leg": "climb", "altitude_amsl_m": 700}]

@@ -7,6 +7,7 @@ import pytest
 
 from companion import cli
 from companion.errors import ConfigError, LogFormatError
+from companion.estimators import ESTIMATORS
 from companion.evaluation import tuning
 from companion.settings import CompanionSettings, load_settings
 from tests import logfiles
@@ -20,10 +21,10 @@ def test_finds_the_noise_that_the_logs_have(tmp_path: Path) -> None:
         )
         logs.append(path.rename(tmp_path / f"{seed}.tlog"))
     keys = ("baro_sd_m", "unknown_acceleration_mps2_rthz")
-    method = tuning.ESTIMATORS["baro-ins-kf"]
+    method = ESTIMATORS["baro-ins-kf"]
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(
-            tuning.ESTIMATORS,
+            ESTIMATORS,
             "baro-ins-kf",
             type(method)(**{**vars(method), "tunable": keys}),
         )

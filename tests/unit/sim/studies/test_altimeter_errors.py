@@ -8,7 +8,8 @@ import pytest
 
 from sim.studies.page import generators
 from sim.studies.papers import PAPERS
-from sim.studies.papers.altimeter_errors import (
+from sim.studies.papers.page import Match
+from sim.studies.papers.robust_altimeter.altimeter_errors import (
     ALTIMETERS,
     BIASED,
     Array,
@@ -17,16 +18,14 @@ from sim.studies.papers.altimeter_errors import (
     open_loop_m,
     simulate,
 )
-from sim.studies.papers.page import Match
-from sim.studies.papers.robust_altimeter import (
+from sim.studies.papers.robust_altimeter.faults import LONG
+from sim.studies.papers.robust_altimeter.live import live_errors_m, live_log
+from sim.studies.papers.robust_altimeter.models import (
     FITTED,
-    LONG,
     MEANS,
     SCENARIOS,
     TABLE_1,
     TABLE_1_ROBUST,
-    live_errors_m,
-    live_log,
 )
 
 BOTH_BIASED = (BIASED, BIASED)
@@ -51,7 +50,8 @@ def test_without_a_fault_the_printed_parameters_give_less_than_the_printed_error
 
 
 def test_fitted_parameters_reach_all_cells_but_four(draws: Array) -> None:
-    """Within 20 % of Tables 2-7, with the optimal filter, sigma_Daz 0.6, sigma_UB 0.2, 20 m, x 100."""
+    """Within 20 % of Tables 2-7, with the optimal filter, sigma_Daz 0.6, sigma_UB 0.2, 20 m, x
+    100."""
     missed = {
         (title.split(":")[0], name)
         for (title, faults), printed in zip(SCENARIOS.items(), MEANS, strict=True)

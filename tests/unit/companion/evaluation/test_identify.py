@@ -25,7 +25,7 @@ def flight(seed: int, *, fast: float = 55.0, hot_k: float = 25.0, power: float =
     wander."""
     random = np.random.default_rng(seed)
     n, step_s = 260, 2.0
-    time_s = step_s * np.arange(n)
+    time_s = np.asarray(step_s * np.arange(n), np.float64)
     flies = time_s > 180.0
     speed = np.where(flies, 30.0 + (fast - 30.0) * (np.floor(time_s / 60.0) % 2), 0.0)
     throttle = np.where(flies, 0.4 + power * 0.5 * (np.floor(time_s / 45.0) % 2), 0.0)

@@ -14,8 +14,8 @@ from companion.common_cli import (
     ConfigOption,
     EstimatorOption,
     SetOption,
+    compile_first,
     resolve_settings,
-    say_if_compiling,
 )
 from companion.errors import LogFormatError
 from companion.log_cli import SettleOption
@@ -31,7 +31,8 @@ PlacesArgument = Annotated[
 ]
 FolderOption = Annotated[Path, typer.Option(help="Folder for the results.", metavar="DIR")]
 WorkersOption = Annotated[
-    int | None, typer.Option(min=1, help="Processes. Default: one a core.", metavar="N")
+    int | None,
+    typer.Option(min=1, help="Number of processes. Default: one for each core.", metavar="N"),
 ]
 SchedulerOption = Annotated[
     str | None,
@@ -54,10 +55,9 @@ def batch(
     settle: SettleOption = 60.0,
     top: TopOption = 20,
 ) -> None:
-    """Replay a folder of logs: which altitudes were wrong, and why. Goes on where it was
-    stopped."""
+    """Replay a folder of logs: which altitudes were wrong, and why. A stopped batch continues."""
     settings = resolve_settings(config, estimator, changes)
-    say_if_compiling(settings.estimator)
+    compile_first(settings, settings.estimator)
 
     from companion.replay.batch import find_logs, run_batch
     from companion.warmup import warm_up

@@ -1,4 +1,4 @@
-"""Continuing after a kill: the state of the pipeline, written every few seconds.
+"""Checkpoints: the state of the pipeline, written every few seconds, to continue after a kill.
 
 A process that is killed in flight and started again within `CheckpointSettings.fresh_s` continues
 from its last checkpoint instead of starting anew. A checkpoint is used only by the same code with
@@ -55,7 +55,7 @@ STANDARD_CLASSES = frozenset(
 )
 LARGEST_BYTES = 20_000_000
 DISAGREEMENT_US = 3_000_000
-WITNESS_US = 3_000_000
+NOT_HEARD_US = 3_000_000
 
 
 class Checkpoint:
@@ -183,7 +183,7 @@ class Resumption:
             self.settled = True
             if abs(vehicle_us - self._expected_us - elapsed_us) > DISAGREEMENT_US:
                 self._undo("the vehicle's clock did not go on")
-        elif self._pipeline.decoder.frames and elapsed_us > WITNESS_US:
+        elif self._pipeline.decoder.frames and elapsed_us > NOT_HEARD_US:
             self.settled = True
             self._undo("the vehicle of the checkpoint is not heard")
 

@@ -6,7 +6,7 @@ QGroundControl and Mission Planner. ``hex:`` and 64 digits give the key itself.
 A receiver refuses a signature that is not newer than the last one. So the time stamp up to which we
 may have signed is on disk before it is used. There are two files: one in memory, two seconds ahead,
 for a restart of this process; one that outlasts a restart of the computer, a minute ahead, written
-once a minute to spare a memory card.
+once a minute, to write little to a memory card.
 """
 
 import contextlib

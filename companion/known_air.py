@@ -1,8 +1,7 @@
-"""What is known of the air beside the sensors: setting of the altimeter, temperature, field
-elevation.
+"""Values of the air that the user gives: QNH, air temperature, field elevation.
 
-It comes from section ``air`` of the configuration, or live through `KnownAir.set`. The pipeline
-tells it to the estimator as an AIR sample with the next pressure.
+They come from section ``air`` of the configuration, or live through `KnownAir.set`. The pipeline
+gives them to the estimator as an AIR sample before the next pressure.
 """
 
 import re
@@ -38,12 +37,12 @@ def read_metar(text: str) -> Report:
 
 
 class AirSettings(Settings):
-    """Section ``air``: what is known of the air beside the sensors."""
+    """Section ``air``: values of the air that the user gives."""
 
     qnh_hpa: float | None = Field(None, ge=850, le=1100)
-    """Altimeter setting (QNH) of the field of the take-off; default: as GNSS shows."""
+    """altimeter setting (QNH) of the field of the take-off; default: as GNSS shows."""
     temperature_c: float | None = Field(None, ge=-90, le=60)
-    """Air temperature at the place of the start, in the shade; default: that of a standard day,
+    """air temperature at the place of the start, in the shade; default: that of a standard day,
     with a spread of 15 K."""
     metar: str | None = Field(None, max_length=400)
     """METAR of the field of the take-off, such as "LSZH 281420Z 24008KT CAVOK 12/08 Q1013": its QNH
@@ -77,11 +76,11 @@ class LiveAir(AirSettings):
     """What `KnownAir.set` takes: the keys of section ``air`` and the field's elevation."""
 
     field_elevation_m: float | None = Field(None, ge=-500, le=9000)
-    """Elevation of the field on which the vehicle rests."""
+    """elevation of the field on which the vehicle rests."""
 
 
 class KnownAir:
-    """The values, and whether the estimator has still to be told."""
+    """The values, and whether the estimator still has to get them."""
 
     def __init__(self, settings: AirSettings) -> None:
         self.qnh_hpa, self.temperature_c = settings.report
@@ -113,6 +112,6 @@ class KnownAir:
         self.restart()
 
     def restart(self) -> None:
-        """The estimator knows nothing any more: tell it again."""
+        """The estimator started anew: give it the values again."""
         values = (self.qnh_hpa, self.temperature_c, self.field_elevation_m)
         self.waits = any(value is not None for value in values)

@@ -1,8 +1,7 @@
 """The live loop: one link, one clock, one pipeline, one thread.
 
-Everything that depends on the host's clock is here and nothing of it reaches an estimate: our
-heartbeat, the requests to the vehicle, the silence of the link, and the notice that nothing was
-heard.
+Everything that depends on the host's clock is here, and no estimate depends on it: our heartbeat,
+the requests to the vehicle, the silence of the link, and the notice that nothing was heard.
 """
 
 import logging
@@ -275,8 +274,8 @@ class Service:
                 logger.warning("%s", missing)
 
     def stop(self) -> None:
-        """Say goodbye: the message rates go back to what they were, and ALTITUDE carries the
-        vehicle's own height, at which a ground station's display will stand."""
+        """End the run: the message rates are put back, and the last ALTITUDE carries the vehicle's
+        own height, which a ground station then keeps on display."""
         now_us = self.clock.now_us()
         for message in self.pipeline.feedback.stop():
             self._send(self.pipeline.encode(message), now_us)

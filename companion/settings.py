@@ -40,8 +40,8 @@ class IdentitySettings(Settings):
     component_id: int = Field(OUR_COMPONENT_ID, ge=1, le=255)
     """our MAVLink component id"""
     on_conflict: Literal["next", "warn"] = "next"
-    """when another program on the link uses our ids: next takes the next free component id of 191
-    to 194, warn keeps ours; both say so in one line"""
+    """what is done when another program on the link uses our ids: next takes the next free
+    component id of 191 to 194, warn keeps ours; both are reported in one line"""
 
 
 EstimatorSections: type[Settings] = create_model(
@@ -62,7 +62,7 @@ class CompanionSettings(Settings):
     """companion.yaml."""
 
     estimator: Literal[tuple(ESTIMATORS)] = DEFAULT_ESTIMATOR  # type: ignore[valid-type]
-    """which one; `kollsman estimators` lists them"""
+    """name of the estimator; `kollsman estimators` lists them"""
     vehicle: VehicleSettings = VehicleSettings()
     identity: IdentitySettings = IdentitySettings()
     intake: IntakeSettings = IntakeSettings()

@@ -9,8 +9,8 @@ from companion.common_cli import (
     ConfigOption,
     EstimatorOption,
     SetOption,
+    compile_first,
     resolve_settings,
-    say_if_compiling,
 )
 from companion.errors import ConfigError
 from companion.log_cli import LogsArgument, bar, refuse_same
@@ -55,7 +55,7 @@ def tune(
         refuse_same(log, out)
         _refuse_name(log)
     settings = resolve_settings(config, estimator, changes)
-    say_if_compiling(settings.estimator)
+    compile_first(settings, settings.estimator)
     found = _tuned(logs, settings, seed, generations)
     print(found.table())
     print(f"\n{found.snippet()}", end="")

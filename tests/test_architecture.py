@@ -4,7 +4,9 @@ map."""
 import ast
 import inspect
 import re
+from collections.abc import Mapping
 from functools import cache
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -97,6 +99,23 @@ def test_the_module_map_is_the_tree() -> None:
 
     assert len(listed) == len(set(listed)), "a line of the map is repeated"
     assert set(listed) == tree
+
+
+def test_what_architecture_names_exists() -> None:
+    """Every file that its text names, and what "Where to find" says is in a file."""
+    text = (ROOT / "ARCHITECTURE.md").read_text(encoding="utf-8").split("## Module map")[0]
+    names = {f"/{name_of(path)}" for path in FILES} | {f"/{path}" for path in _tests()}
+    for path in set(re.findall(r"`([\w/]+\.py)`", text)):
+        assert "NAME" in path or any(name.endswith(f"/{path}") for name in names), path
+    table = text.split("## Where to find")[1].split("## The data path")[0]
+    for listed, path in re.findall(r"((?:`\w+`(?:, | and )?)+) in `([\w/]+\.py)`", table):
+        source = (ROOT / path).read_text(encoding="utf-8")
+        for name in re.findall(r"\w+(?=`)", listed):
+            assert re.search(rf"\b{name}\b", source), f"no {name} in {path}"
+
+
+def _tests() -> list[str]:
+    return [name_of(path) for path in (ROOT / "tests").rglob("*.py")]
 
 
 def test_compiled_code_has_explicit_loops() -> None:
@@ -204,3 +223,24 @@ def _with_constants(names: set[str], constants: dict[str, set[str]]) -> set[str]
             known.add(inner)
             waiting.append(inner)
     return known
+
+
+def test_no_import_circle() -> None:
+    """Of the imports at the top of modules; those inside functions may go anywhere."""
+    modules = {
+        name_of(path).removesuffix(".py").removesuffix("/__init__").replace("/", "."): path
+        for path in FILES
+    }
+    needs = {name: _needed(tree_of(path), modules) for name, path in modules.items()}
+    TopologicalSorter(needs).prepare()  # raises CycleError with the circle
+
+
+def _needed(tree: ast.Module, modules: Mapping[str, Path]) -> set[str]:
+    found: set[str] = set()
+    for node in tree.body:
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            inner = {f"{node.module}.{alias.name}" for alias in node.names}
+            found |= inner if inner & modules.keys() else {str(node.module)}
+    return found & modules.keys()

@@ -13,12 +13,12 @@ from pydantic.fields import FieldInfo
 UNITS = {
     "_m": "m", "_mps": "m/s", "_mps2": "m/s2", "_radps": "rad/s", "_rad": "rad", "_deg": "degrees",
     "_pa": "Pa", "_hpa": "hPa", "_hpa_per_h": "hPa/h", "_k": "K", "_s": "s", "_us": "us",
-    "_hz": "Hz", "_mb": "MB", "_m2": "m2", "_m2ps": "m2/s", "_m2ps3": "m2/s3",
-    "_mps2_rthz": "m/s2/sqrt(Hz)", "_radps_rthz": "rad/s/sqrt(Hz)", "_rts": "1/sqrt(s)",
-    "_m_rts": "m/sqrt(s)", "_mps2_rts": "m/s2/sqrt(s)", "_radps_rts": "rad/s/sqrt(s)", "_h": "h",
-    "_pa_per_k": "Pa/K", "_pa_per_g": "Pa/g", "_m_per_h": "m/h", "_pa_per_s": "Pa/s",
-    "_pa_rts": "Pa/sqrt(s)", "_mps2_per_k": "m/s2/K", "_radps_per_k": "rad/s/K",
-    "hpa_per_100km": "hPa/100 km",
+    "_hz": "Hz", "_per_h": "1/h", "_bytes_per_s": "B/s", "_c": "degrees C", "_mb": "MB",
+    "_m2": "m2", "_m2ps": "m2/s", "_m2ps3": "m2/s3", "_mps2_rthz": "m/s2/sqrt(Hz)",
+    "_radps_rthz": "rad/s/sqrt(Hz)", "_rts": "1/sqrt(s)", "_m_rts": "m/sqrt(s)",
+    "_mps2_rts": "m/s2/sqrt(s)", "_radps_rts": "rad/s/sqrt(s)", "_h": "h", "_pa_per_k": "Pa/K",
+    "_pa_per_g": "Pa/g", "_m_per_h": "m/h", "_pa_per_s": "Pa/s", "_pa_rts": "Pa/sqrt(s)",
+    "_mps2_per_k": "m/s2/K", "_radps_per_k": "rad/s/K", "hpa_per_100km": "hPa/100 km",
 }  # fmt: skip
 
 
@@ -31,14 +31,14 @@ def keys(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, str, s
             yield from keys(section, f"{key}.")
             continue
         default = field.get_default(call_default_factory=True)
-        meaning = " ".join((field.description or "").split())
-        yield (
-            key,
-            "" if default is None else str(default),
-            unit_of(name),
-            allowed_of(field),
-            meaning,
-        )
+        shown = "" if default is None else str(default)
+        yield key, shown, unit_of(name), allowed_of(field), meaning_of(field)
+
+
+def meaning_of(field: FieldInfo) -> str:
+    """The description of a field on one line, with a capital letter and without a full stop."""
+    text = " ".join((field.description or "").split()).removesuffix(".")
+    return text[:1].upper() + text[1:]
 
 
 def allowed_of(field: FieldInfo) -> str:

@@ -1,4 +1,4 @@
-"""What one message's time stamps are worth beside the vehicle's clock: unit and skew."""
+"""Unit and skew of one message's time stamps beside the vehicle's clock."""
 
 import logging
 from collections import deque
@@ -7,12 +7,11 @@ logger = logging.getLogger("kollsman.intake")
 
 UNIT_WINDOW_US = 2_000_000
 UNIT_RATIO = (500.0, 2000.0)
-"""Stamps that advance this much faster, or slower, than time are in another unit than their
-field."""
+"""ratio of rates above which time stamps are in another unit than that of their field"""
 UNIT_WINDOWS = 2
 SECOND_US = 1_000_000
 SKEW_US = 500_000
-"""No receiver is later than this, and no message waits longer for the next of the boot clock."""
+"""largest delay of a receiver, and of a message behind the boot clock"""
 
 
 class Unit:

@@ -9,13 +9,13 @@ from companion.mavlink.convert import Reading, TimeBase
 WRAP_MS = 1 << 32
 WRAP_MARGIN_MS = 600_000
 UNIX_STAMP_US = 1_000_000_000_000_000
-"""A stamp above this (2001 as UNIX time, 31 years as boot time) counts from 1970."""
+"""time stamp above which it counts from 1970 (2001 as UNIX time, 31 years as boot time)"""
 SESSION_US = 3_600_000_000
-"""A gap in which so much more time passed than the boot clock counted has a restart in it."""
+"""excess of elapsed time over boot time that shows a restart within a gap"""
 
 
 class Clockwork(StrEnum):
-    """What a stamp did to the vehicle's clock."""
+    """Effect of a time stamp on the vehicle's clock."""
 
     TICK = "tick"
     DOUBT = "doubt"
@@ -26,7 +26,7 @@ ALONE_US = 1_000_000
 
 
 class VehicleClock:
-    """The vehicle's boot clock as its stamps tell it.
+    """The vehicle's boot clock, from its time stamps.
 
     A discontinuity needs a second stamp that agrees with the first. Forwards it is a gap in what we
     heard, or another session when the recorder's clock says that hours passed; backwards by more
@@ -44,7 +44,7 @@ class VehicleClock:
         self._late_from_us: int | None = None
         """the first late stamp since the last fresh one"""
         self._arrival_us = 0
-        self._witness_us: int | None = None
+        self._unconfirmed_us: int | None = None
         self._wraps = 0
         self._boot_us = -1
         """the newest stamp that surely counts from boot"""
@@ -84,12 +84,15 @@ class VehicleClock:
                 return self._restart(time_us)
             self.now_us = max(self.now_us, time_us)
             if time_us >= self._boot_us:
-                self._boot_us, self._witness_us, self._arrival_us = time_us, None, arrival_us
+                self._boot_us, self._unconfirmed_us, self._arrival_us = time_us, None, arrival_us
             return Clockwork.TICK, time_us
-        witness_us, self._witness_us = self._witness_us, time_us
-        if witness_us is None or not -self._reorder_us <= time_us - witness_us <= self._gap_us:
+        unconfirmed_us, self._unconfirmed_us = self._unconfirmed_us, time_us
+        if (
+            unconfirmed_us is None
+            or not -self._reorder_us <= time_us - unconfirmed_us <= self._gap_us
+        ):
             return Clockwork.DOUBT, time_us
-        self._witness_us = None
+        self._unconfirmed_us = None
         passed_us, self._arrival_us = arrival_us - self._arrival_us, arrival_us
         ahead_us = time_us - self.now_us
         if ahead_us > 0 and passed_us - ahead_us < SESSION_US:

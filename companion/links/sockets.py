@@ -1,5 +1,4 @@
-"""Finding addresses and listening on them, with errors that say what to do. Shared by UDP and
-TCP."""
+"""Resolves addresses and listens on them, with errors that say what to do; for UDP and TCP."""
 
 import errno
 import os
@@ -10,14 +9,14 @@ from companion.errors import LinkError
 from companion.links.urls import Endpoint
 
 Address = tuple[Any, ...]
-"""(host, port), or the four of IPv6."""
+"""(host, port), or the four values of IPv6"""
 
 
 def resolve(
     endpoint: Endpoint, kind: socket.SocketKind
 ) -> list[tuple[socket.AddressFamily, Address]]:
-    """Family and address of a host, IPv4 first: that is what MAVLink programs on "localhost" listen
-    on."""
+    """Family and address of a host. IPv4 comes first, because MAVLink programs on "localhost"
+    listen on it."""
     try:
         found = socket.getaddrinfo(endpoint.address, endpoint.number, type=kind)
     except (OSError, UnicodeError) as error:

@@ -1,5 +1,5 @@
-"""MAVLink bytes <-> messages. No I/O, and no data makes it raise: what is not a frame is counted by
-`FrameReject`.
+"""MAVLink bytes <-> messages. No I/O, and no data raises an error: what is not a frame is counted
+by `FrameReject`.
 
 Resynchronisation
 -----------------
@@ -10,13 +10,13 @@ decides here:
 - A frame of another dialect (see `framing`) with a start byte or nothing behind it is skipped by
   its length, so that its payload cannot be mistaken for frames.
 - Everything else that looks like a start is not one. The search goes on one byte later, so that a
-  stray 0xFD swallows none of the good frames behind it. If none turns up before its claimed end it
-  was a damaged frame and counts as one; otherwise its bytes were junk.
+  stray 0xFD swallows none of the good frames behind it. If none turns up before the end that its
+  header gives it was a damaged frame and counts as one; otherwise its bytes were junk.
 
 The frames found do not depend on how the stream was cut into chunks. The price: a stray start byte
-holds back the frames behind it until its claimed length (280 bytes at most) has arrived. On a live
-link, `Decoder.flush` when the line has been silent for longer than a frame lasts, or use
-``Decoder(datagrams=True)`` where a packet holds whole frames.
+holds back the frames behind it until the length that its header gives (280 bytes at most) has
+arrived. On a live link, `Decoder.flush` when the line has been silent for longer than a frame
+lasts, or use ``Decoder(datagrams=True)`` where a packet holds whole frames.
 """
 
 from collections import Counter
@@ -72,7 +72,7 @@ class Decoder:
         self.frames = 0
         self._datagrams = datagrams
         self._rest = b""
-        # The failed start whose claimed extent is being searched: why it failed, its length, and
+        # The failed start whose extent is being searched: why it failed, its length by header, and
         # what is left of that.
         self._suspect: FrameReject | None = None
         self._suspect_size = 0

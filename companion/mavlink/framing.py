@@ -68,21 +68,21 @@ class FrameReject(StrEnum):
     """Why bytes did not become a message. JUNK counts bytes, all others count frames."""
 
     JUNK = "junk bytes"
-    """outside any frame"""
+    """bytes outside any frame"""
     CRC = "bad checksum"
-    """damaged on the way"""
+    """damaged in transmission"""
     DIALECT = "other dialect"
-    """undamaged, but by another definition of a message id we know"""
+    """undamaged, by another definition of a known message id"""
     UNKNOWN_ID = "unknown message"
-    """undamaged, with a message id that we do not know"""
+    """undamaged, with an unknown message id"""
     FLAGS = "unknown flags"
-    """incompatibility flags other than "signed": MAVLink forbids to read on"""
+    """incompatibility flags other than "signed", with which MAVLink forbids to read the frame"""
     TRUNCATED = "cut frame"
     """the stream, datagram or log ended inside it"""
     DECODE = "bad payload"
     """a good frame with a payload that pymavlink refuses"""
     TIMESTAMP = "bad time stamp"
-    """a good frame of a log, with a time that cannot be"""
+    """a good frame of a log, with an impossible time"""
     UNSIGNED = "unsigned"
     """a good frame without a signature, where signatures are required"""
     SIGNATURE = "bad signature"
@@ -96,8 +96,8 @@ FOREIGN = frozenset({FrameReject.DIALECT, FrameReject.UNKNOWN_ID})
 
 
 def extent(buffer: bytes, offset: int) -> int:
-    """The length in bytes which the start byte at `offset` claims for its frame (all there is, if
-    unknowable)."""
+    """The length in bytes of the frame whose start byte is at `offset`, by its header (the
+    rest of the data, where the header does not tell)."""
     available = len(buffer) - offset
     if available >= 3 and buffer[offset] == V2:
         signature = SIGNATURE if buffer[offset + 2] & _SIGNED else 0

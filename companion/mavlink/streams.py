@@ -1,7 +1,7 @@
 """Which messages the estimator needs from the vehicle, how often, and what the link can carry.
 
-`wanted` lists the messages; `planned` lowers their rates until they fit the link. Asking for them
-and watching what arrives is the work of `companion.mavlink.supervisor`.
+`wanted` lists the messages; `planned` lowers their rates until they fit the link.
+`companion.mavlink.supervisor` requests them and measures their rates.
 """
 
 from collections.abc import Collection, Sequence
@@ -15,11 +15,11 @@ from companion.mavlink.codec import mavlink
 from companion.samples import Kind
 
 FRAME_OVERHEAD_BYTES = 12
-"""MAVLink 2: ten bytes of header, two of checksum"""
+"""overhead of a MAVLink 2 frame: ten bytes of header, two of checksum"""
 LINK_SHARE = 0.6
-"""of a link's bytes: the rest is for what the vehicle sends without being asked"""
+"""share of a link's bytes; the rest is for messages that were not requested"""
 RATES_HZ = (50.0, 40.0, 25.0, 20.0, 10.0, 5.0, 2.0, 1.0)
-"""Rates to fall back to. 40 Hz is what ArduPlane grants with its default loop of 50 Hz."""
+"""lower rates; ArduPlane grants 40 Hz with its default loop of 50 Hz"""
 
 
 class StreamSettings(Settings):
@@ -27,14 +27,14 @@ class StreamSettings(Settings):
     nothing."""
 
     request: bool = True
-    """request messages with SET_MESSAGE_INTERVAL, watch the rates that arrive, request again when
-    they fall short; nothing is saved in the vehicle"""
+    """whether message rates are requested with SET_MESSAGE_INTERVAL, measured, and requested again
+    when they fall short; nothing is saved in the vehicle"""
     data_stream: Literal["auto", "always", "never"] = "auto"
-    """REQUEST_DATA_STREAM where SET_MESSAGE_INTERVAL is refused or ignored; auto: not on ArduPlane,
-    which saves these rates to its parameters"""
+    """when REQUEST_DATA_STREAM is sent, where SET_MESSAGE_INTERVAL is refused or ignored; auto: not
+    to ArduPlane, which saves these rates to its parameters"""
     link_bytes_per_s: float | None = Field(None, gt=0)
-    """bytes per second that the link carries, for example 3000 over a telemetry radio; default: by
-    the baud rate of a serial port, unlimited elsewhere"""
+    """capacity of the link, for example 3000 over a telemetry radio; default: by the baud rate of a
+    serial port, unlimited elsewhere"""
     pressure_hz: float = Field(20.0, ge=0, le=200)
     """rate of SCALED_PRESSURE"""
     gnss_hz: float = Field(5.0, ge=0, le=50)
@@ -65,7 +65,7 @@ class Stream:
     label: str = ""
     """the sensor's name in messages to the user; empty: its absence is normal and not reported"""
     floor_hz: float = 1.0
-    """a full link does not lower it further"""
+    """lowest rate on a full link"""
     group: int = -1
     """MAV_DATA_STREAM of REQUEST_DATA_STREAM that contains it; -1 none"""
 

@@ -142,8 +142,10 @@ def run_batch(
     return table
 
 
-def _rows_of(done: Done[BatchJob]) -> list[Row]:
-    return done.rows if done.error is None else [{"log": str(done.job.log), "error": done.error}]
+def _rows_of(done: Done[BatchJob, list[Row]]) -> list[Row]:
+    if done.result is not None:
+        return done.result
+    return [{"log": str(done.job.log), "error": done.error}]
 
 
 def _badness(session: Row) -> tuple[bool, bool, float]:

@@ -97,7 +97,7 @@ class ImuConfig(SensorConfig):
     vibration_hz: Annotated[float, Field(gt=0.0, le=2000.0)] = 80.0
     """frequency of the vibration, the engine's firing"""
     vibration_spread_hz: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
-    """standard deviation of that frequency, which wanders over two seconds"""
+    """standard deviation of the vibration's frequency, which wanders over two seconds"""
     averaged: bool = True
     """whether a sample is the mean of the vibration over its interval"""
     temperature_k: Annotated[float, Field(ge=200.0, le=400.0)] = 313.15

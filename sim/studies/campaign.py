@@ -19,13 +19,14 @@ import numpy as np
 from companion.errors import ConfigError
 from companion.evaluation.compare import SETTLE_S, Comparison, compare_log
 from companion.evaluation.samples import samples_of
+from companion.jobs import Done, Row
 from companion.settings import CompanionSettings
 from sim.flight import Summary
 from sim.scenario import Scenario, load_scenario
 from sim.studies import runs
 from sim.studies.expectations import missed
 from sim.studies.fault_windows import attribution, fault_windows
-from sim.studies.runs import Done, Row, flown
+from sim.studies.runs import flown
 
 MEASURES = (
     "rmse_m", "p95_m", "max_m", "bias_m", "takeoff_rmse_m", "climb_rmse_mps", "nees", "coverage_2",

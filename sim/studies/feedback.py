@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from companion.clock import ManualClock
 from companion.errors import SimulationError
 from companion.feedback import Feedback, FeedbackSettings, Mark
+from companion.jobs import Row, results
 from companion.links.memory import pair
 from companion.pipeline import Pipeline
 from companion.samples import Packet
@@ -25,7 +26,7 @@ from sim import BOOT_UNIX_US
 from sim.flight import Flight
 from sim.scenario import Scenario, load_scenario
 from sim.studies.page import markdown_table
-from sim.studies.runs import Row, results, run
+from sim.studies.runs import run
 
 DRIFT_M_PER_PA = 1.0 / 11.3
 """metres of altitude for a pascal at 600 m of the standard atmosphere"""

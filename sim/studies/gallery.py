@@ -22,19 +22,11 @@ from companion.estimators import DEFAULT_ESTIMATOR
 from companion.evaluation.compare import Comparison, Result, Series
 from companion.evaluation.metrics import Array, truth_at
 from companion.evaluation.samples import BOOT_US
+from companion.plots.style import BARO, GNSS, INERTIAL, TRUTH
 from sim import BOOT_UNIX_US
 from sim.studies.campaign import Job, fly
 from sim.studies.fault_windows import FaultWindow, fault_windows
-from sim.studies.page import (
-    BARO,
-    ESTIMATOR_COLOURS,
-    GNSS,
-    INERTIAL,
-    TRUTH,
-    Page,
-    Value,
-    markdown_table,
-)
+from sim.studies.page import ESTIMATOR_COLOURS, Page, Value, markdown_table
 from sim.studies.runs import run
 
 PAGE = "README"
@@ -136,11 +128,11 @@ In every figure: the flight above; in the middle the errors of what the vehicle 
 read by the standard atmosphere; below, the errors of the estimators. A panel's range is that of
 most of its lines, so that the worst may leave it. Shaded is the time in which a fault makes a
 sensor wrong. Errors are against the truth, in metres, from one minute on; NEES is the mean of
-(error / claimed spread)²: 1 is honest, more is overconfident. "accused after" is the time from the
-onset of a fault until an estimator names that sensor (`-`: never; only estimators that named
-anybody are shown, and 0.0 s is one that had not yet forgiven the fault before); "wrongly" is the
-share of the fault's time in which it named another sensor. A sensor that says itself how unwell it
-is need not be accused.
+(error / estimated standard deviation)²: 1 is a true standard deviation, more is overconfident.
+"excluded after" is the time from the onset of a fault until an estimator names that sensor (`-`:
+never; only estimators that name sensors are shown; 0.0 s means that the exclusion before had not
+ended); "wrongly" is the share of the fault's time in which it named another sensor. A sensor that
+reports its own degradation need not be excluded.
 
 RMSE (m) of one flight each:"""
 
@@ -275,7 +267,7 @@ def _faults(harmed: Sequence[FaultWindow], series: Sequence[Series]) -> str:
         "sensor",
         "from (s)",
         "to (s)",
-        *(f"{each.label}: accused after" for each in namers),
+        *(f"{each.label}: excluded after" for each in namers),
     ]
     return markdown_table(header, [[*_when(each), *_verdicts(each, namers)] for each in harmed])
 

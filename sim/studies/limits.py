@@ -68,6 +68,7 @@ class Condition:
 def conditions() -> tuple[Condition, ...]:
     """The table's columns."""
     after, outage = (ONSET_S, math.inf), (ONSET_S, ONSET_S + OUTAGE_S)
+    qnh = f"air.qnh_hpa={field_qnh_hpa()}"
     step = parse_fault(f"step:quantity=pressure,size={STEP_PA:g},start_s={ONSET_S:g}")
     return (
         Condition("all sensors"),
@@ -78,7 +79,12 @@ def conditions() -> tuple[Condition, ...]:
         Condition("barometer +40 m", faults=(step,), judged_s=after),
         Condition("GNSS lost for 300 s", without(GNSS, *outage), judged_s=outage),
         Condition("no GNSS", without(GNSS)),
-        Condition("no GNSS, QNH", without(GNSS), settings=(f"air.qnh_hpa={field_qnh_hpa()}",)),
+        Condition("no GNSS, QNH", without(GNSS), settings=(qnh,)),
+        Condition(
+            "no GNSS, QNH and air temperature",
+            without(GNSS),
+            settings=(qnh, f"air.temperature_c={field_temperature_c()}"),
+        ),
     )
 
 
@@ -88,6 +94,11 @@ def field_qnh_hpa() -> int:
     column = 1.0 + L0_KPM * FIELD_M / (T0_K + WARMER_K)
     field_pa = 100.0 * SEA_LEVEL_HPA * column ** (-G0_MPS2 / (R_AIR * L0_KPM))
     return int(qnh_pa(field_pa, FIELD_M) * 0.01)
+
+
+def field_temperature_c() -> int:
+    """Air temperature that the same METAR reports, in whole degrees."""
+    return round(T0_K + WARMER_K + L0_KPM * FIELD_M - 273.15)
 
 
 def scenario() -> Scenario:

@@ -249,7 +249,7 @@ class TestGnss:
     @pytest.mark.parametrize("claim", [{"v_acc": 900_000}, {"v_acc": 0, "epv": 65535, "eph": 9999}])
     def test_a_3d_fix_that_slides(self, play: Replay, claim: dict[str, int]) -> None:
         """1149 to 376 m in 20 s on the ground with v_acc of kilometres, then the truth with 7 m.
-        Expected Result: the slide is not believed, the truth is."""
+        Expected Result: the slide is rejected, the truth is used."""
         slide = from_s(
             0, lambda s: gps(s, 1149 - 38.65 * (s - 30), satellites_visible=4, **claim), gps, 50
         )
@@ -258,7 +258,7 @@ class TestGnss:
         assert outcome.pipeline.health.health is OK
 
     def test_a_jump_with_a_clear_conscience(self, play: Replay) -> None:
-        """3 km up with a 3D fix and 2 m claimed. Expected Result: refused at once, the barometer
+        """3 km up with a 3D fix and 2 m reported. Expected Result: refused at once, the barometer
         goes on."""
         outcome = play(
             standing(30, 120, gps=from_s(60, lambda boot_s: gps(boot_s, 3500.0), gps, 90))
@@ -278,7 +278,7 @@ class TestGnss:
     @pytest.mark.parametrize("epv", [65535, 0])
     @pytest.mark.parametrize("v_acc", [0, 2000])
     def test_unknown_vertical_dilution(self, play: Replay, epv: int, v_acc: int) -> None:
-        """Expected Result: used; HDOP or the claimed accuracy tells how good it is."""
+        """Expected Result: used; HDOP or the reported accuracy tells how good it is."""
         outcome = play(standing(30, 60, gps=lambda boot_s: gps(boot_s, epv=epv, v_acc=v_acc)))
         assert outcome.pipeline.health.health is OK
         assert outcome.count(Kind.GNSS, Verdict.USED) == 150

@@ -83,8 +83,9 @@ LEVEL_MISSES = {
     "real/SITL_wlichon_mixed_signed.tlog": "0 of 300 published: level 124 m of spread 27 m",
     "real/SITL_wlichon_twin_sysid2.tlog": "0 of 40 published: level 120 m of spread 26 m",
 }
-"""Known misses of the default estimator: a receiver that claims little has a protection level of
-4.7 spreads, above `health.level_lost_m` of 50 m, long before its spread is above `sd_lost_m`."""
+"""Known misses of the default estimator: a receiver that reports a good accuracy has a protection
+level of 4.7 spreads, above `health.level_lost_m` of 50 m, long before its spread is above
+`sd_lost_m`."""
 
 
 def marks(name: str, estimator: str) -> list[pytest.MarkDecorator]:

@@ -55,6 +55,7 @@ from companion.estimators.baro_inertial.inputs import (
     fuse_setting,
     gate_m,
     note_fix,
+    note_start_temperature,
     start_inputs,
     take_imu,
     take_pressure,
@@ -286,12 +287,13 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
 
 @step
 def on_air(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
-    """The setting of the altimeter: the start height where GNSS gives none. A temperature alone is
-    IGNORED."""
+    """The setting of the altimeter: the start height where GNSS gives none; and until the start the
+    air temperature, T of (3)."""
     s = state[0]
-    verdict = admit_setting(state, sample)
+    verdict = admit_setting(state, sample, s.inputs.start_us < 0)
     if verdict != USED:
         return verdict
+    note_start_temperature(s.inputs, sample)
     if fuse_setting(s.inputs, sample):
         s.running = 0
     return verdict

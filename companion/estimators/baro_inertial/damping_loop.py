@@ -74,6 +74,7 @@ from companion.estimators.baro_inertial.inputs import (
     fuse_setting,
     gate_m,
     note_fix,
+    note_start_temperature,
     start_inputs,
     take_imu,
     take_pressure,
@@ -131,11 +132,11 @@ class DampingLoopSettings(InputSettings):
     """Section ``estimators.damping-loop``."""
 
     k1: float = Field(3.0, gt=0, le=100)
-    """K1 of (6), 1/s; the defaults are the paper's"""
+    """gain K1 of (6), 1/s; the defaults are the paper's"""
     k2: float = Field(0.6452, gt=0, le=100)
-    """K2 of (6), 1/s2"""
+    """gain K2 of (6), 1/s2; the defaults are the paper's"""
     k3: float = Field(0.871, ge=0, le=100)
-    """K3 of (6), 1/s3"""
+    """gain K3 of (6), 1/s3; the defaults are the paper's"""
 
     @model_validator(mode="after")
     def _is_stable(self) -> "DampingLoopSettings":
@@ -284,12 +285,13 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
 
 @step
 def on_air(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
-    """The setting of the altimeter: the start height where GNSS gives none. A temperature alone is
-    IGNORED."""
+    """The setting of the altimeter: the start height where GNSS gives none; and until the start the
+    air temperature, T of (3)."""
     s = state[0]
-    verdict = admit_setting(state, sample)
+    verdict = admit_setting(state, sample, s.inputs.start_us < 0)
     if verdict != USED:
         return verdict
+    note_start_temperature(s.inputs, sample)
     if fuse_setting(s.inputs, sample):
         s.running = 0
     return verdict

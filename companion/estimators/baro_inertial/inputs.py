@@ -21,9 +21,10 @@ where a QNH is known. From there on
     H = H_start + (1 + s) (H_p - H_p,start),      1 + s = T_start / T_standard(H_p,start)
 
 which is (2) with s = Delta T / T at the start; in a layer of constant lapse rate it is exactly the
-hypsometric formula from the start's pressure, temperature and height. Without a temperature s = 0.
-The temperature that MAVLink carries is the sensor die's, 10-30 K above the air: by default it is
-not used.
+hypsometric formula from the start's pressure, temperature and height. T_start is the setting
+``start_temperature_k``, or what AIR samples tell before the start: `air.temperature_c`, a METAR, or
+HYGROMETER_SENSOR. Without a temperature s = 0. SCALED_PRESSURE carries the temperature of the
+sensor's die, 10-30 K above the air: by default it is not used.
 
 GNSS after the start
 --------------------
@@ -36,7 +37,9 @@ import math
 import numpy as np
 
 from companion.estimators.setting import (
+    KNOWN_COLUMN_RATIO,
     SETTING,
+    has_temperature,
     indicated_m,
     indicated_sd_m,
     is_set,
@@ -105,6 +108,7 @@ INPUTS = np.dtype(
         ("start_height_m", "f8"),  # geopotential
         ("start_var_m2", "f8"),
         ("start_us", "i8"),
+        ("start_air_k", "f8"),  # air temperature told before the start, NaN none
         ("scale", "f8"),  # s of (2)
         ("wait_us", "i8"),  # since when the filter waits for the barometer, -1 not
         ("wait_m", "f8"),  # barometer height then
@@ -134,6 +138,7 @@ def start_inputs(inputs: Record) -> None:
     inputs.start_height_m = math.nan
     inputs.start_var_m2 = math.nan
     inputs.start_us = -1
+    inputs.start_air_k = math.nan
     inputs.scale = 0.0
     inputs.wait_us = -1
     inputs.wait_m = math.nan
@@ -193,6 +198,13 @@ def fuse_setting(inputs: Record, sample: Rows) -> bool:
     if restarts:
         inputs.start_us, inputs.wait_us = -1, -1
     return restarts
+
+
+@step
+def note_start_temperature(inputs: Record, sample: Rows) -> None:
+    """Take the air temperature of an AIR sample for that of the start, until the start."""
+    if inputs.start_us < 0 and has_temperature(sample):
+        inputs.start_air_k = sample[0].air_temperature_k
 
 
 @step
@@ -268,7 +280,9 @@ def _start_at(inputs: Record, time_us: int, altitude_m: float, sd_m: float) -> N
 def _note_temperature(inputs: Record, params: Rows, die_temperature_k: float) -> None:
     """s of (2): the air's temperature at the newest pressure against the standard's there."""
     temperature_k = params[0].start_temperature_k
-    if params[0].use_die_temperature == 1:
+    if math.isnan(temperature_k):
+        temperature_k = inputs.start_air_k
+    if math.isnan(temperature_k) and params[0].use_die_temperature == 1:
         temperature_k = die_temperature_k - params[0].die_excess_k
     if temperature_k > 0.0:
         inputs.scale = temperature_k / (T0_K + L0_KPM * inputs.level_m) - 1.0
@@ -349,7 +363,9 @@ def reference_sd_m(inputs: Record, params: Rows, time_us: int, altitude_m: float
     since_us = inputs.start_us if inputs.reference_us < 0 else inputs.reference_us
     unseen_m = p.pressure_drift_mps * max(0.0, (time_us - since_us) * 1e-6)
     weather_m = p.pressure_drift_mps * (since_us - inputs.start_us) * 1e-6
-    column_m = COLUMN_TEMPERATURE_ERROR * (altitude_m - inputs.start_height_m)
+    told = not math.isnan(inputs.start_air_k)
+    column_error = KNOWN_COLUMN_RATIO if told else COLUMN_TEMPERATURE_ERROR
+    column_m = column_error * (altitude_m - inputs.start_height_m)
     prior = inputs.start_var_m2 + weather_m * weather_m + column_m * column_m
     weight = 0.0 if inputs.reference_us < 0 else prior / (prior + inputs.reference_var_m2)
     seen_m = weight * inputs.reference_m

@@ -42,7 +42,7 @@ Departures
   better than what it rejects: 10 s with a small IMU, 120 s with the paper's.
 - Preset ``tuned`` is for small IMUs: sigma_Daz stands for an acceleration error of 0.1 m/s2 that
   changes within 30 s (attitude errors of 1-2 degrees in turns); the paper's 2e-5 is navigation
-  grade (preset ``paper``). sigma_GPS is what the receiver claims, and the paper's 2.23 m at least.
+  grade (preset ``paper``). sigma_GPS is the reported accuracy, and the paper's 2.23 m at least.
 - The paper's "central processing unit" aligns the datum of the barometer with that of the inertial
   channel. Here it is the running mean of barometer less IIG height over ``reference_s``, for as
   long as correlated GNSS errors last (300 s); a large difference moves it little. It stands still
@@ -67,7 +67,7 @@ Breaks when
 The air is warmer or colder than standard and the vehicle climbs, or weather changes: IBIG keeps its
 share of the barometer's error until the datum has followed. GNSS that drifts, or is wrong by less
 than 4 sigma, takes the datum along. A fault below about 20 m passes the robust gain in part, bends
-the climb, and is worse than with the optimal gain. Preset ``paper`` on a small IMU: it believes an
+the climb, and is worse than with the optimal gain. Preset ``paper`` on a small IMU: it uses an
 accelerometer that is wrong by 0.1 m/s2, by tens of metres.
 
 Other packages use its `METHOD` only.

@@ -99,7 +99,7 @@ def aids_start(aids: Record) -> None:
 @step
 def fuse_known(bank: Record, H: Record, z: float, R: float) -> bool:
     """Correct every hypothesis with a good barometer by z = H x + white, unless the mixture
-    contradicts; whether it was used. Probabilities stay: an aid is no witness of a fault."""
+    contradicts; whether it was used. Probabilities stay: an aid is not used for fault detection."""
     innovation = z - expected(bank, H)
     if innovation * innovation > KNOWN_SIGMA * KNOWN_SIGMA * (R + expected_variance(bank, H)):
         return False

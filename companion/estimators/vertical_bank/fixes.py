@@ -50,7 +50,7 @@ from companion.kernels.attitude import attitude_gnss
 from companion.samples import Record, Rows
 
 FIX_INTERVAL_S = 0.2
-"""Fixes that come faster share the evidence of this time."""
+"""Fixes that come faster share the log-likelihood of one fix in this time."""
 FASTEST_CLIMB_MPS = 200.0
 
 

@@ -36,7 +36,7 @@ SETTLED_S = 180.0
 MOVING_MPS, MOVING_S = 1.0, 15.0
 """what counts as a climb or a descent, and how long it must go on after the onset"""
 DOUBT_RATIO = 1.5
-"""a fault counts as detected when its sensor is named, or when the claimed spread is this much
+"""a fault counts as detected when its sensor is named, or when the estimated spread is this much
 wider than without it"""
 
 

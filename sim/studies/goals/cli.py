@@ -19,15 +19,19 @@ Examples:
 def evaluate(
     sections: Annotated[
         list[str] | None,
-        typer.Argument(help="Default: all; the index is made in any case.", metavar="[SECTION]..."),
+        typer.Argument(
+            help="Sections to evaluate. Default: all; the index is always written.",
+            metavar="[SECTION]...",
+        ),
     ] = None,
     *,
     seeds: Annotated[
         int | None,
-        typer.Option(min=2, help="Monte-Carlo runs. Default: each section's own number."),
+        typer.Option(min=2, help="Number of Monte-Carlo runs. Default: each section's own."),
     ] = None,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes. Default: one a core.", metavar="N")
+        int | None,
+        typer.Option(min=1, help="Number of processes. Default: one for each core.", metavar="N"),
     ] = None,
     data: Annotated[
         Path | None,
@@ -42,8 +46,8 @@ def evaluate(
         "out/evaluation"
     ),
 ) -> None:
-    """Hold the vertical bank against its goals, beside every other estimator: one page a section,
-    and an index."""
+    """Measure the vertical bank against its goals, beside every other estimator: one page for each
+    section, and an index."""
     unknown = [key for key in sections or [] if key not in SECTIONS]
     if unknown:
         print(

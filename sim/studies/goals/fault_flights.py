@@ -2,7 +2,7 @@
 follows its barometer.
 
 The flights are ArduPilot-like: that flavour's messages, and a receiver that errs as ArduPilot's
-SITL lets it (two slow swings of the height, no noise, an accuracy claimed that knows nothing of
+SITL lets it (two slow swings of the height, no noise, a reported accuracy that does not contain
 them). A flight is flown once and its log corrupted by `sim.faults`, as ``kollsman-sim corrupt``
 does. The simulated autopilot's own height in the log does not know of faults on packets; so
 `sim.vehicle.own_estimate.OwnEstimate` is run again on the faulty samples: height by the barometer,

@@ -1,4 +1,4 @@
-"""What the vertical bank is held against: the goals of issue 5, and how a measured row is judged by
+"""What the vertical bank is held against: its goals, and how a measured row is judged by
 its limits."""
 
 import math

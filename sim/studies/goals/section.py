@@ -8,10 +8,10 @@ from typing import Any
 
 from companion import __version__
 from companion.errors import ConfigError
+from companion.jobs import Done
 from sim.studies.goals import SECTIONS, Context, Section
 from sim.studies.goals.goals import GOALS, Goal, Measured
 from sim.studies.page import Page, Value, markdown_table
-from sim.studies.runs import Done
 
 INDEX = "README"
 

@@ -2,7 +2,7 @@
 says they are.
 
 The barometer's error drifts at a rate that is Gauss-Markov with the spread of the weather's kind,
-which changes as the bank believes; GNSS wanders and is noisy as its claimed spread is split. Height
+which changes as the bank assumes; GNSS wanders and is noisy as its reported spread is split. Height
 climbs and descends in ramps. Attitude is level. Same seed, same flight.
 """
 

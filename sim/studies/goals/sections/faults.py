@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from companion.jobs import results
 from companion.settings import CompanionSettings
 from sim.scenario import load_scenario
 from sim.studies.goals import Context
@@ -18,7 +19,7 @@ from sim.studies.goals.fault_flights import fly as fly_faults
 from sim.studies.goals.goals import Measured
 from sim.studies.goals.section import SectionPage
 from sim.studies.page import Value
-from sim.studies.runs import flown, results
+from sim.studies.runs import flown
 
 Row = dict[str, Any]
 RECORDED = ("jsbsim_A", "jsbsim_B", "ardupilot_nominal", "ardupilot_weather")
@@ -97,7 +98,7 @@ def _attribution(page: SectionPage, tried: list[Row]) -> None:
         f"{ONSETS} instants of a healthy flight; the estimator runs on from where it is then. "
         "Delays are from the first faulty packet on the vehicle's clock. *Named*: the output "
         "`faulty` is the right sensor. *Wrong*: another one was named meanwhile. *Detected*: "
-        f"named, or the claimed spread is {DOUBT_RATIO:g} times that of the same flight without "
+        f"named, or the estimated spread is {DOUBT_RATIO:g} times that of the same flight without "
         "the fault. *Used*: cases in which a wrong fix was taken in after its receiver had been "
         "named. *Misleading*: how long the error was beyond the protection level, at worst. A "
         "frozen barometer is tried in climbs and descents of more than 1 m/s only."
@@ -233,7 +234,7 @@ def _flights(page: SectionPage, flown: list[Row]) -> None:
     page.text(
         "## Flights with a fault\n\nArduPilot-like flights of `calm-circuit` whose log is "
         "corrupted as `kollsman-sim corrupt` does; the receiver errs by two slow swings (1 m, 3 "
-        "m) and claims 0.3 m. RMSE (mean over the seeds) and largest error (of all seeds) in "
+        "m) and reports 0.3 m. RMSE (mean over the seeds) and largest error (of all seeds) in "
         "metres from one minute on. The simulated autopilot follows the faulty barometer from an "
         "origin of one early fix, as EKF3 by default. Height above take-off counts from arming; "
         "beside it what the raw barometer has changed by since then."

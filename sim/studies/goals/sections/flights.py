@@ -284,4 +284,4 @@ altitude since arming; NEES 1 is an honest spread, more is overconfident."""
 _ABLATIONS = """## Ablations
 
 One state, or the bank, switched off: `kollsman compare LOG --set {prefix}KEY=VALUE`. RMSE (m) and
-NEES; simulated ones are means over the first seeds. The integrity copies have no switch."""
+NEES; simulated ones are means over the first seeds."""

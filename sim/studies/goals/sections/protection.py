@@ -1,5 +1,5 @@
-"""Section ``protection``: is the level exceeded as often as it says, and is nobody accused without
-a reason."""
+"""Section ``protection``: is the level exceeded as often as it says, and is no sensor excluded
+without a reason."""
 
 import math
 from collections.abc import Sequence
@@ -25,6 +25,8 @@ from companion.evaluation.integrity import (
 )
 from companion.evaluation.metrics import Array, truth_at
 from companion.evaluation.samples import samples_of
+from companion.jobs import results
+from companion.plots.style import BOUND, FUSED, OTHER
 from companion.samples import Kind, Rows
 from companion.settings import CompanionSettings
 from sim.scenario import load_scenario
@@ -32,8 +34,8 @@ from sim.studies.goals import Context
 from sim.studies.goals.goals import Measured
 from sim.studies.goals.section import SectionPage
 from sim.studies.goals.sensor_level import fly, hour
-from sim.studies.page import BOUND, FUSED, OTHER, Value
-from sim.studies.runs import flown, results
+from sim.studies.page import Value
+from sim.studies.runs import flown
 
 Row = dict[str, Any]
 ESTIMATOR = DEFAULT_ESTIMATOR
@@ -54,10 +56,10 @@ HEALTHY = (
     "low-level-qnh-drift", "metar-day", "mountain-wave", "inversion-approach", "hot-and-high",
     "cold-front-descent", "cold-start", "gusty-shake", "best-sensors",
 )  # fmt: skip
-"""scenarios without faults, whose receivers claim accuracies that they have"""
+"""scenarios without faults, whose receivers report their true accuracy"""
 WRONG = ("cheap-sensors", "static-port-error")
-"""no fault begins, but a sensor is wrong by itself (a receiver that is 12 m off and claims 1.2, a
-static port whose error changes by 4 m with every change of speed): shown apart, as an accusation is
+"""no fault begins, but a sensor is wrong by itself (a receiver that is 12 m off and reports 1.2, a
+static port whose error changes by 4 m with every change of speed): shown apart, as an exclusion is
 no false alarm there"""
 RECORDED = ("jsbsim_A", "jsbsim_B")
 _ORIGINS = {
@@ -86,7 +88,7 @@ def evaluate(context: Context) -> SectionPage:
     rows = [row for found in results(done) for row in found]
     page.text(
         "The protection level is to be exceeded at the integrity risk that is configured "
-        "(`integrity_risk_probability`, an hour). An exceedance is an episode: it begins where "
+        "(`integrity_risk_probability`, an hour). An exceedance is counted once: it begins where "
         f"the absolute error is above the level, and what begins less than {EXCEEDANCE_APART_S:g} "
         "s after the last sample above it (the correlation time of the slow GNSS error) is the "
         "same one. The first minute of a flight does not count. Intervals are exact 95 % Poisson "
@@ -181,7 +183,7 @@ def _measure(found: dict[float, tuple[Rows, Array, Array]]) -> Row:
     faulty = estimates["faulty"].astype(np.int64)
     row["alarms"] = false_alarms(elapsed_s, faulty)
     begins = np.flatnonzero(np.diff(faulty, prepend=0) * (faulty > 0))
-    row["accused"] = [(float(elapsed_s[k]), int(faulty[k])) for k in begins]
+    row["excluded"] = [(float(elapsed_s[k]), int(faulty[k])) for k in begins]
     return row
 
 
@@ -269,7 +271,7 @@ def _summary(page: SectionPage, rows: Sequence[Row]) -> None:
             )
     head = ["flights", "hours", *(f"at {risk:g}" for risk in (*RISKS, RARE_RISK)),
             "median level at 1e-3 (m)",
-            "within 1, 2, 3 sd (%)", "NEES", "worst error (sd)", "accusations"]  # fmt: skip
+            "within 1, 2, 3 sd (%)", "NEES", "worst error (sd)", "exclusions"]  # fmt: skip
     page.grid("Exceedances of the level at each integrity risk", head, lines)
 
 
@@ -278,11 +280,11 @@ def _group(row: Row) -> str:
 
 
 def _tail(page: SectionPage, rows: Sequence[Row]) -> None:
-    """Rate of episodes beyond k sigma, against what the level's formula allocates."""
+    """Rate of exceedances beyond k sigma, against what the level's formula allocates."""
     time_s = VerticalBankSettings().gnss_time_s
     rates = 10.0 ** np.arange(-7.0, 0.0, 0.1)
     caption = (
-        "Episodes beyond k of the claimed standard deviation, an hour, and the rate that the "
+        "Exceedances of k estimated standard deviations, an hour, and the rate that the "
         "level's formula gives for that k. The level at 1e-5 an hour is 5.6 sigma: its rate can "
         "only be guessed by going on with the curve."
     )
@@ -311,7 +313,7 @@ def _tail(page: SectionPage, rows: Sequence[Row]) -> None:
         axes[0].set(
             yscale="log",
             xlabel="k (sigma)",
-            ylabel="episodes an hour",
+            ylabel="exceedances an hour",
             ylim=(1e-6, 30.0),
             xlim=(1.0, 6.0),
         )
@@ -349,18 +351,18 @@ def _stanford(page: SectionPage, rows: Sequence[Row]) -> None:
 
 
 def _alarms(page: SectionPage, rows: Sequence[Row]) -> None:
-    accused: list[list[Value]] = [
+    excluded: list[list[Value]] = [
         [
             f"{_ORIGINS[row['origin']]}: {row['flight']}",
             f"{time_s:.1f}",
             ("", "barometer", "GNSS", "IMU")[sensor],
         ]
         for row in rows
-        for time_s, sensor in row["accused"]
+        for time_s, sensor in row["excluded"]
     ]
-    if accused:
+    if excluded:
         page.grid(
-            f"Accusations ({len(accused)}), the first twenty",
-            ["flight", "at (s)", "accused"],
-            accused[:20],
+            f"Exclusions ({len(excluded)}), the first twenty",
+            ["flight", "at (s)", "excluded"],
+            excluded[:20],
         )

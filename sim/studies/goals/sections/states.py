@@ -10,13 +10,13 @@ from companion.estimators import ESTIMATORS, run_log
 from companion.evaluation.metrics import Array, truth_at
 from companion.evaluation.samples import samples_of
 from companion.kernels.atmosphere import baro_altitude_array
+from companion.plots.style import BOUND, FUSED, GNSS, OTHER, TRUTH
 from companion.samples import Kind, Rows, SampleLog
 from companion.settings import CompanionSettings
 from sim.studies.goals import Context
 from sim.studies.goals.flight_jobs import BANK
 from sim.studies.goals.samples import flown
 from sim.studies.goals.section import SectionPage
-from sim.studies.page import BOUND, FUSED, GNSS, OTHER, TRUTH
 
 RECORDED, SIMULATED = "jsbsim_B", "weather-change"
 DRAWN_S = 1.0
@@ -40,7 +40,7 @@ def evaluate(context: Context) -> SectionPage:
         "are those of [the derivation](../vertical-bank.md). Black is the truth, as far as the "
         "simulator knows it: the barometer's error is its reading less the truth (means of "
         f"{SMOOTHED_S:g} s, since its fast part is another state), its drift rate the slope of "
-        "that beyond scale times climb. Bands are twice the claimed spread."
+        "that beyond scale times climb. Bands are twice the estimated standard deviation."
     )
     _draw(page, states_of(log))
     context.progress(1.0, "drawn")
@@ -107,7 +107,7 @@ def _draw(page: SectionPage, states: States) -> None:
 
 
 def _draw_errors(axes: Any, states: States) -> None:
-    """Height and climb: errors, and twice the claimed spread."""
+    """Height and climb: errors, and twice the estimated standard deviation."""
     e, minutes = states.estimates, states.minutes
     for axis, title, error, sd in (
         (axes[0], "height h, error (m)", states.error_m, e["altitude_sd_m"]),

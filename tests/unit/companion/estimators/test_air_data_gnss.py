@@ -223,7 +223,7 @@ def test_the_temperature_of_the_die_is_unused_unless_asked_for() -> None:
     asked = scale_after(AirDataGnssSettings(temperature="die"), die_k=warm_k)
     assert (
         T0_K / (T0_K + 10.0) - 1.0 < asked < -0.01
-    )  # 30 K over the air is 10 K over the offset, half believed
+    )  # 30 K over the air is 10 K over the offset, half weighted
 
 
 def test_a_thermometer_in_the_air_is_preferred_to_the_die() -> None:
@@ -235,7 +235,7 @@ def test_a_thermometer_in_the_air_is_preferred_to_the_die() -> None:
 
 
 def test_a_temperature_is_news_once_a_minute_but_one_of_many_in_the_paper() -> None:
-    """1500 equal readings would else claim a lapse rate that nobody measured."""
+    """1500 equal readings would otherwise imply a lapse rate that nobody measured."""
     spreads = {}
     for name, settings in (
         ("tuned", AirDataGnssSettings()),

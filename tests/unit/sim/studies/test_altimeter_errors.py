@@ -88,7 +88,7 @@ def test_robust_filter_is_twice_worse_against_a_small_bias_and_locks_out(draws: 
 
 
 def test_with_the_rule_it_comes_back(draws: Array) -> None:
-    """The one departure: refused for 120 s, a measurement is believed."""
+    """The one departure: refused for 120 s, a measurement is used."""
     long = noises(generators("C", 10), LONG)
     model = TABLE_1_ROBUST.having(faults=BOTH_BIASED, bias_m=15.0)
     never, rule = simulate(model, long), simulate(model.having(reacquire_s=120.0), long)
@@ -100,12 +100,12 @@ def test_with_the_rule_it_comes_back(draws: Array) -> None:
     )
 
 
-def test_the_rule_that_blames_the_imu_takes_scenario_3_for_one(draws: Array) -> None:
+def test_the_rule_that_doubts_the_imu_takes_scenario_3_for_an_imu_fault(draws: Array) -> None:
     """As the estimator says of itself: the same bias on both sensors looks like a wrong
     accelerometer."""
     model = TABLE_1_ROBUST.having(faults=BOTH_BIASED, bias_m=30.0, reacquire_s=120.0)
-    blamed = simulate(model.having(may_doubt_imu=True), draws[:20])
-    assert blamed.mean_m(0, 220, 400).mean() > 25.0
+    doubted = simulate(model.having(may_doubt_imu=True), draws[:20])
+    assert doubted.mean_m(0, 220, 400).mean() > 25.0
 
 
 def test_covariance_is_the_same_with_and_without_a_fault(draws: Array) -> None:

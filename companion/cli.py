@@ -15,10 +15,8 @@ import typer
 from companion import batch_cli, live_cli, log_cli, tune_cli
 from companion.common_cli import (
     Commands,
-    ConfigOption,
     QuietOption,
     VerboseOption,
-    compile_first,
     compile_for,
     resolve_settings,
     set_up_saying,

@@ -152,6 +152,7 @@ def fly(
     pace = _speed(speed or ("1" if links else "max"))
 
     from companion.links import open_link
+    from companion.replay.expect import parse
     from sim.flight import Flight
     from sim.scenario import load_scenario
     from sim.vehicle.flavours import FLAVOURS
@@ -159,6 +160,7 @@ def fly(
     if flavour and flavour not in FLAVOURS:
         raise _usage(f"--flavour '{flavour}' is unknown: give one of {', '.join(FLAVOURS)}")
     face = FLAVOURS[flavour].name if flavour else None
+    parse(expect or [])  # a mistake is told before the flight
     config = load_scenario(scenario)
     opened: list[Link] = []
     with ExitStack() as stack:

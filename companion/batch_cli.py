@@ -77,6 +77,8 @@ def batch(
         )
     _show_fleet(table, top)
     print(f"wrote {out}/fleet.csv, fleet.parquet, fleet.json and rows/")
+    if (out / "index.html").exists():
+        print(f"wrote {out}/index.html: a report of each flight")
     if all(row["error"] is not None for row in table):
         raise LogFormatError("no log could be read; the reasons are in fleet.csv")
 

@@ -41,6 +41,8 @@ from companion.samples import MAX_INSTANCES, Record, Rows
 
 LOWEST_QNH_PA, HIGHEST_QNH_PA = 85_000.0, 110_000.0
 LOWEST_FIELD_M, HIGHEST_FIELD_M = -500.0, 9_000.0
+SEA_LEVEL_M = 0.0
+"""where a setting holds whose field is unknown"""
 SETTING_SD_PA = 60.0
 """Spread of a setting: METARs are whole hectopascals, rounded down, and the field is not the
 station; with the barometer's calibration of 50 Pa."""
@@ -133,13 +135,16 @@ def note_air(setting: Record, sample: Rows, in_flight: bool) -> bool:
         sample[0].air_temperature_k,
     )
     knows_field = LOWEST_FIELD_M <= elevation <= HIGHEST_FIELD_M
-    warms = has_temperature(sample) and (knows_field or not in_flight)
+    field_m = math.nan
+    if knows_field:
+        field_m = elevation
+    elif in_flight:
+        field_m = SEA_LEVEL_M if math.isnan(setting.field_m) else setting.field_m
+    warms = has_temperature(sample) and (knows_field or field_m != SEA_LEVEL_M)
     if LOWEST_QNH_PA <= qnh <= HIGHEST_QNH_PA:
         if qnh == setting.qnh_pa and not (warms and air_k != setting.air_k):
             return False
-        setting.qnh_pa = qnh
-        setting.field_m = elevation if knows_field else (0.0 if in_flight else math.nan)
-        setting.elevation_m = math.nan
+        setting.qnh_pa, setting.field_m, setting.elevation_m = qnh, field_m, math.nan
     elif knows_field:
         setting.elevation_m = elevation
     else:
@@ -189,9 +194,3 @@ def indicated_sd_m(setting: Record, altitude_m: float, now_us: int) -> float:
     ratio = COLUMN_RATIO if math.isnan(setting.air_k) else KNOWN_COLUMN_RATIO
     column_m = ratio * (altitude_m - field_m)
     return math.hypot(math.hypot(SETTING_SD_PA * M_PER_PA, weather_m), column_m)
-
-
-@step
-def level_of(baro_m: float) -> float:
-    """Pressure altitude (geopotential) of a geometric height of the standard atmosphere."""
-    return geopotential_m(baro_m)

@@ -48,7 +48,12 @@ class Receiver:
         self._settled = False
         self._apart: tuple[int, float, float] | None = None
         """start and bounds of the difference of GNSS and barometer height"""
-        self._told: set[str] = set()
+        self._told: dict[str, str] = {}
+
+    @property
+    def notes(self) -> list[str]:
+        """What was found to be wrong with its heights, one line each."""
+        return list(self._told.values())
 
     def check(self, row: Rows, baro_m: float) -> None:
         """Correct, widen or void the height of a fix, shape (1,), beside the barometer's height."""
@@ -124,7 +129,7 @@ class Receiver:
 
     def _tell(self, text: str) -> None:
         if text[:12] not in self._told:  # heights and ratios in the rest vary
-            self._told.add(text[:12])
+            self._told[text[:12]] = f"{self._name} {text}"
             logger.warning("%s %s", self._name, text)
 
 

@@ -55,6 +55,11 @@ class Intake:
         doubt_m = self._receivers[0].doubt_m
         return f"GNSS of the ellipsoid? {doubt_m:.0f} m" if doubt_m > LARGEST_DOUBT_M else ""
 
+    @property
+    def notes(self) -> list[str]:
+        """What was found to be wrong with the receivers' heights, one line each."""
+        return [note for receiver in self._receivers for note in receiver.notes]
+
     def _begin(self) -> None:
         """Forget the sensors: the vehicle starts."""
         self._primaries = {kind: Primary(kind) for kind in (Kind.PRESSURE, Kind.GNSS)}

@@ -43,14 +43,14 @@ class Unit:
 
 
 class Skew:
-    """By how much all stamps of the last seconds lie behind, or ahead of, the vehicle's clock.
+    """The delay or lead that all time stamps of the last seconds have beside the vehicle's clock.
 
     A receiver's time that was set 1 s ahead and then right again is 1 s behind what was learned.
     """
 
     def __init__(self) -> None:
         self._seconds: deque[tuple[int, int, int]] = deque(maxlen=3)
-        """of each second: when it began, the least delay behind now, the least lead on boot stamps
+        """for each second: its start, the least delay behind now, the least lead on boot stamps
         (both as time minus clock)"""
 
     def correct(self, time_us: int, now_us: int, boot_us: int) -> int:

@@ -125,6 +125,12 @@ class VehicleClock:
         if unix_us > UNIX_STAMP_US:
             self._unix_offset_us = unix_us - self._unwrapped(boot_us)
 
+    @property
+    def unix_offset_us(self) -> int | None:
+        """UNIX time minus boot time, as the vehicle's SYSTEM_TIME says; None before it knows the
+        date."""
+        return self._unix_offset_us
+
     def _unwrapped(self, stamp_us: int) -> int:
         """time_boot_ms is 32 bits wide and wraps after 49.7 days."""
         stamp_ms = stamp_us // 1000

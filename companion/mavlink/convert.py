@@ -19,7 +19,6 @@ UNKNOWN_U16 = 65535
 UNKNOWN_U8 = 255
 NO_DOP = 9999
 FIX_3D = 3
-NAN3 = (math.nan, math.nan, math.nan)
 
 
 class TimeBase(Enum):

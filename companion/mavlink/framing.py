@@ -26,8 +26,8 @@ _START = re.compile(rb"[\xfd\xfe]")
 
 
 def _v1_lengths(kind: Any) -> range:
-    """From the size without extensions (fields with a default, last on the wire) to the size with
-    them."""
+    """Payload lengths from the size without extensions (fields with a default, last on the wire) to
+    the size with them."""
     count = len(kind.fieldnames) - len(kind.__init__.__defaults__ or ())
     codes = kind.native_format.decode().lstrip("<")[:count]
     base = "".join(
@@ -52,7 +52,7 @@ class Frame(NamedTuple):
     """One whole frame with a correct checksum. Its signature is verified by `signing`."""
 
     data: bytes
-    """from the start byte to the end of the checksum, or of the signature"""
+    """bytes from the start byte to the end of the checksum, or of the signature"""
     message_id: int
     system_id: int
     component_id: int

@@ -30,7 +30,7 @@ from sim.studies.page import Page, Value
 SETTLED_S, ONSET_S, OUTAGE_S = 60.0, 200.0, 300.0
 SEA_LEVEL_HPA, WARMER_K, FIELD_M, SEED = 1005.0, 10.0, 300.0, 1
 STEP_PA = -450.0
-"""40 m of barometer height at 700 m."""
+"""step of pressure: 40 m of barometer height at 700 m"""
 IMU = {mavlink.MAVLINK_MSG_ID_RAW_IMU}
 TRUTH = {mavlink.MAVLINK_MSG_ID_SIM_STATE}
 BARO = {
@@ -127,7 +127,7 @@ def scenario() -> Scenario:
 
 @dataclass
 class Watch:
-    """What the pipeline does, noted with every truth."""
+    """An observer that notes the pipeline's output with every truth."""
 
     pipeline: Pipeline | None = None
     times_us: list[int] = field(default_factory=list)
@@ -137,7 +137,7 @@ class Watch:
     sent_us: list[int] = field(default_factory=list)
 
     def sample(self, kind: Kind, row: Rows, verdict: Verdict, estimate: Rows) -> None:
-        """Nothing: the truth comes often enough."""
+        """Ignored: the truth is frequent enough."""
 
     def truth(self, time_us: int, altitude_amsl_m: float, climb_mps: float) -> None:
         assert self.pipeline is not None

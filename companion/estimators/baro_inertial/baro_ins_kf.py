@@ -93,7 +93,7 @@ from companion.samples import Kind, Rows, Tables, readable, rows
 
 V, ALTITUDE, BIAS, ACCELERATION = range(4)
 START_CLIMB_VAR = 1.0
-"""of the barometer's slope over two seconds, (m/s)2"""
+"""variance of the barometer's slope over two seconds, (m/s)2"""
 
 STATE = state_dtype(
     ("inputs", INPUTS),

@@ -115,7 +115,7 @@ from companion.kernels.attitude import attitude_vehicle
 from companion.samples import Kind, Rows, Tables, readable, rows
 
 LOOP_VAR_M2 = 0.25
-"""of the loop's own error: barometer noise and what the gains make of accelerometer noise"""
+"""variance of the loop's own error: barometer noise, and accelerometer noise through the gains"""
 
 STATE = state_dtype(
     ("inputs", INPUTS),

@@ -78,11 +78,11 @@ START_SD_M = 20.0
 """a fix with a larger spread does not count for the start: receivers slide by hundreds of metres
 while they say so"""
 SETTLE_US = 2_000_000
-"""for so long the barometer must have been there, or have contradicted the filter, before the
+"""time for which the barometer must have been there, or have contradicted the filter, before the
 filter starts at it"""
 GATE_M = 10.0
-"""no vehicle leaves its inertial path by so much between barometer samples; a step of the barometer
-does"""
+"""distance by which no vehicle leaves its inertial path between barometer samples; a step of the
+barometer does"""
 GATE_WITHOUT_IMU_MPS = 10.0
 """more for each second since the last barometer sample when nothing is known of the acceleration"""
 COAST_ERROR_MPS2, COAST_WITHOUT_IMU_MPS2 = 0.3, 1.5
@@ -90,7 +90,7 @@ COAST_ERROR_MPS2, COAST_WITHOUT_IMU_MPS2 = 0.3, 1.5
 REFERENCE_TIME_S = 30.0
 """Averaging time of GNSS heights for the reported spread."""
 COLUMN_TEMPERATURE_ERROR = 0.035
-"""of the mean temperature of the air below: 10 K of 288"""
+"""relative error of the mean temperature of the air below: 10 K of 288"""
 
 
 INPUTS = np.dtype(

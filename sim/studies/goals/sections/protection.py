@@ -162,7 +162,7 @@ def _logged(job: Job, path: Path, name: str) -> Row:
 
 
 def _measure(found: dict[float, tuple[Rows, Array, Array]]) -> Row:
-    """Of one flight: (estimates, errors, seconds) by risk."""
+    """Results of one flight: (estimates, errors, seconds) by risk."""
     row: Row = {}
     for risk, (estimates, error, elapsed_s) in found.items():
         late = elapsed_s > SETTLE_S

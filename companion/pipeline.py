@@ -397,5 +397,4 @@ class Pipeline:
         if own not in self._encoders:
             self._encoders[own] = Encoder(*own, self.signing)
         encoder = self._encoders[own]
-        frames = (encoder.encode(message, version) for message in messages)
-        return [frame for frame in frames if frame]
+        return [frame for each in messages if (frame := encoder.encode(each, version))]

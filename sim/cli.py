@@ -159,7 +159,6 @@ def fly(
 
     if flavour and flavour not in FLAVOURS:
         raise _usage(f"--flavour '{flavour}' is unknown: give one of {', '.join(FLAVOURS)}")
-    face = FLAVOURS[flavour].name if flavour else None
     parse(expect or [])  # a mistake is told before the flight
     config = load_scenario(scenario)
     opened: list[Link] = []
@@ -174,7 +173,7 @@ def fly(
             seed=seed,
             all_streams=all_streams,
             speed=pace,
-            flavour=face,
+            flavour=FLAVOURS[flavour].name if flavour else None,
         )
         summary = run_with_progress(flight)
     print_summary(summary, tlog, opened)

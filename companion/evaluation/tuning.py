@@ -143,13 +143,7 @@ def tune(
     ]
     section = settings.section(estimator)
     likelihood = _Likelihood(method, section, on_progress)
-    parts = [part for part in _parts(logs) if likelihood.of({}, part)[1] >= LEAST_INNOVATIONS]
-    if not parts:
-        raise LogFormatError(
-            f"{paths[0]}: fewer than {LEAST_INNOVATIONS:.0f} innovations of {estimator}: "
-            "nothing to tune on"
-        )
-    parts = _halves(parts) if len(parts) == 1 else parts
+    parts = _usable(likelihood, logs, f"{paths[0]}: {estimator}")
     found, spread = _observable(likelihood, parts)
     if not found:
         raise LogFormatError(
@@ -176,6 +170,15 @@ def tune(
         _errors(logs, settings, estimator, after),
         len(parts),
     )
+
+
+def _usable(likelihood: "_Likelihood", logs: Sequence[SampleLog], name: str) -> list[Part]:
+    """The logs as parts with innovations enough; a single one in two halves."""
+    parts = [part for part in _parts(logs) if likelihood.of({}, part)[1] >= LEAST_INNOVATIONS]
+    if not parts:
+        least = f"fewer than {LEAST_INNOVATIONS:.0f} innovations"
+        raise LogFormatError(f"{name} has {least}: nothing to tune on")
+    return _halves(parts) if len(parts) == 1 else parts
 
 
 class _Likelihood:

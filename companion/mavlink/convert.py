@@ -271,19 +271,6 @@ def global_position(message: Message) -> tuple[int, float, float]:
     return message.time_boot_ms * 1000, message.alt * 1e-3, message.vz * -0.01
 
 
-class OwnHeights(NamedTuple):
-    """The vehicle's own heights."""
-
-    time_us: int
-    altitude_amsl_m: float
-    height_above_home_m: float
-
-
-def own_heights(message: Message) -> OwnHeights:
-    """GLOBAL_POSITION_INT: millimetres AMSL and above home."""
-    return OwnHeights(message.time_boot_ms * 1000, message.alt * 1e-3, message.relative_alt * 1e-3)
-
-
 def _inertial(message: Message, accelerometer_scale: float) -> tuple[Any, ...]:
     force = (
         message.xacc * accelerometer_scale,

@@ -10,6 +10,7 @@ from bisect import bisect_right
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -139,7 +140,10 @@ class TableReader:
     ``counters`` tell what was left out, by cause; ``position_bytes`` how far the iteration is.
     """
 
-    def __init__(self, tables: Tables, size_bytes: int, counters: Counter[FrameReject]) -> None:
+    def __init__(
+        self, path: Path, tables: Tables, size_bytes: int, counters: Counter[FrameReject]
+    ) -> None:
+        self.path = path
         self.tables = _since_start(tables)
         self.counters = counters
         self.size_bytes = size_bytes

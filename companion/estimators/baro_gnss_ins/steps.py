@@ -53,6 +53,7 @@ from companion.estimators.judging import (
     judge_pressure,
     place,
     reset,
+    score,
     state_dtype,
     tally,
 )
@@ -71,6 +72,7 @@ from companion.kernels.attitude import (
     attitude_vehicle,
     imu_can_be_integrated,
 )
+from companion.kernels.gnss import gnss_sd_m
 from companion.samples import Kind, Rows, Tables, readable, rows
 
 LOWEST_PA, HIGHEST_PA = 1_000.0, 120_000.0
@@ -176,6 +178,9 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     age_s = (s.ins.time_us - time_us) * 1e-6
     look_up(s.ins.track, s.ins.time_us, s.ins.position, s.ins.velocity_n_mps, time_us)
     weight = max(1.0, p.gnss_correlation_s / elapsed_s)
+    sd_m, down = gnss_sd_m(sample, p.gnss_sd_floor_m, p.gnss_sd_unknown_m), POSITION + DOWN
+    S = s.ins.P[down, down] + sd_m * sd_m
+    score(state, sample[0].altitude_amsl_m - s.ins.track.at[2], S)
     verdict = fuse_height(s.ins, s.fixes, params, sample, age_s, elapsed_s, weight)
     if sample[0].climb_mps == sample[0].climb_mps:
         correct_climb(
@@ -329,5 +334,14 @@ METHOD = Method(
     run=run,
     datum_invariant=False,
     follows_baro_step=True,
+    tunable=(
+        "baro_sd_m",
+        "baro_walk_m_rts",
+        "baro_scale_walk_rts",
+        "gnss_sd_floor_m",
+        "accel_noise_mps2_rthz",
+        "accel_walk_mps2_rts",
+        "coast_noise_mps2_rthz",
+    ),
     optional=frozenset({Kind.ATTITUDE}),
 )

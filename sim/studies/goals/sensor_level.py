@@ -71,6 +71,24 @@ def velocity_head_m(settings: VerticalBankSettings, rng: np.random.Generator, co
     return (GROUND_SPEED_MPS + wind_mps) ** 2 / (2.0 * G0_MPS2)
 
 
+def baro_error_m(
+    settings: VerticalBankSettings, rng: np.random.Generator, climb: Array, seconds: int
+) -> Array:
+    """Weather, the scale of the column, gusts, static port, lag and white noise."""
+    n, root = climb.size, np.sqrt(STEP_S)
+    seconds_now = np.minimum((np.arange(n) * STEP_S).astype(np.int64), seconds - 1)
+    scale = rng.normal(0.0, settings.scale_sd_ratio)
+    scale = scale + settings.scale_walk_rts * np.cumsum(rng.normal(size=n)) * root
+    slow = rng.normal(0.0, 60.0) + np.cumsum(
+        weather_rate(settings, rng, seconds)[seconds_now] * STEP_S
+    )
+    slow += settings.offset_walk_m_rts * np.cumsum(rng.normal(size=n)) * root
+    slow += np.cumsum(scale * climb) * STEP_S
+    slow += gauss_markov(settings.fast_sd_m, settings.fast_time_s, STEP_S, rng, n)
+    port = rng.normal(0.0, settings.port_sd_ratio) * velocity_head_m(settings, rng, n)
+    return slow + port - rng.normal(0.0, settings.lag_sd_s) * climb + rng.normal(0.0, 0.3, n)
+
+
 def hour(seed: int, seconds: int = 3600, gnss_sd_m: float = 4.24, baro_hz: int = 5) -> Hour:
     """A healthy flight."""
     settings, rng = VerticalBankSettings(), np.random.default_rng(seed)
@@ -79,21 +97,7 @@ def hour(seed: int, seconds: int = 3600, gnss_sd_m: float = 4.24, baro_hz: int =
     climb = np.gradient(height, STEP_S)
     acceleration = np.gradient(climb, STEP_S)
     n = elapsed_s.size
-    seconds_now = np.minimum((elapsed_s).astype(np.int64), seconds - 1)
-    scale = rng.normal(0.0, settings.scale_sd_ratio) + settings.scale_walk_rts * np.cumsum(
-        rng.normal(size=n)
-    ) * np.sqrt(STEP_S)
-    slow = rng.normal(0.0, 60.0) + np.cumsum(
-        weather_rate(settings, rng, seconds)[seconds_now] * STEP_S
-    )
-    slow += (
-        settings.offset_walk_m_rts * np.cumsum(rng.normal(size=n)) * np.sqrt(STEP_S)
-        + np.cumsum(scale * climb) * STEP_S
-    )
-    slow += gauss_markov(settings.fast_sd_m, settings.fast_time_s, STEP_S, rng, n)
-    lag_s = rng.normal(0.0, settings.lag_sd_s)
-    port = rng.normal(0.0, settings.port_sd_ratio) * velocity_head_m(settings, rng, n)
-    baro = height + slow + port - lag_s * climb + rng.normal(0.0, 0.3, n)
+    baro = height + baro_error_m(settings, rng, climb, seconds)
     bias = rng.normal(0.0, 0.1) + settings.accel_bias_walk_mps2_rts * np.cumsum(
         rng.normal(size=n)
     ) * np.sqrt(STEP_S)

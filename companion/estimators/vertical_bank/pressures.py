@@ -17,6 +17,7 @@ from companion.estimators.vertical_bank.baro_terms.lag import lag_climb_mps, slo
 from companion.estimators.vertical_bank.baro_terms.timing import timing_m2
 from companion.estimators.vertical_bank.barometer import (
     MOVED_M,
+    is_missed,
     noise_m2,
     note_height,
     note_repeat,
@@ -138,6 +139,8 @@ def hear_repeat(state: Rows, params: Rows, time_us: int) -> None:
     """The same value again: the more improbable, the more the vehicle has moved since."""
     s, p = state[0], params[0]
     if p.integrity == 0 or abs(s.bank.path_m - s.baro.path_m) <= MOVED_M:
+        return
+    if not is_missed(s.baro, time_us):
         return
     on_baro_surprise(s.bank, p, True, BARO_INTERVAL_S)
     doubt_repeat(s.bank, s.baro.repeat_probability)

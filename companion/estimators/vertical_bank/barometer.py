@@ -29,7 +29,7 @@ MOVING_MPS = 0.5
 REPEAT_WEIGHT, REPEAT_START = 0.02, 0.5
 REST_S, REST_INTERVALS = 1.0, 10.0
 INTERVAL_WEIGHT = 1.0 / 16.0
-MISSED_INTERVALS = 1.5
+MISSED_INTERVALS = 2.5
 FRESH_SPEED_US = 3_000_000
 LEAST_REPEAT = 0.02
 SPEED_DRIFT_MPS2 = 0.1
@@ -148,7 +148,7 @@ def note_repeat(baro: Record, is_repeat: bool, climb_mps: float) -> None:
 @step
 def is_missed(baro: Record, time_us: int) -> bool:
     """Whether a value repeats for longer than a stream does that is sent more often than the sensor
-    measures, or in other steps: at least two new values are missed."""
+    measures, or in coarse steps: at least three new values are missed."""
     return not (time_us - baro.value_us) * 1e-6 <= MISSED_INTERVALS * baro.interval_s
 
 

@@ -15,7 +15,7 @@ from companion.estimators import ESTIMATORS, Filter
 from companion.feedback import Feedback, Situation
 from companion.health import HealthMonitor, excluded
 from companion.intake import Intake, SampleReject, restart_row
-from companion.known_air import KnownAir, LiveAir
+from companion.known_air import AirSettings, KnownAir
 from companion.mavlink import convert
 from companion.mavlink.codec import Decoder, Encoder, Frame, Message, mavlink
 from companion.mavlink.commands import answers
@@ -120,7 +120,7 @@ class Pipeline:
         self._answers = Allowance(ANSWERS_PER_S)
         self.parameters = Parameters(
             settings,
-            LiveAir,
+            AirSettings,
             lambda key: getattr(self.air, key),
             self._set_air_key,
         )
@@ -440,11 +440,13 @@ class Pipeline:
         return False
 
     def _sample(self, kind: Kind, instance: int, row: Rows) -> list[bytes]:
-        if self.air.waits and kind is Kind.PRESSURE:
-            self.air.waits = False
-            self._sample(Kind.AIR, 0, self.intake.air(self.air, row))
+        self.air.sample(kind, row)
+        known = self.air.tell(self.now_us) if kind is Kind.PRESSURE else None
+        sent: list[bytes] = []
+        if known is not None:
+            sent = self._step(Kind.AIR, 0, self.intake.air(known, row))
         self.identity.measured(kind)
-        return self._step(kind, instance, row)
+        return sent + self._step(kind, instance, row)
 
     def _step(self, kind: Kind, instance: int, row: Rows) -> list[bytes]:
         """Give a sample to the estimator and its verdict to all who follow it."""

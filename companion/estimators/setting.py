@@ -1,7 +1,8 @@
 """The setting window of an altimeter, shared by the estimators: altitude from pressure and QNH.
 
 An altimeter set to a QNH indicates H_p(p) - H_p(QNH), geopotential. The setting comes in AIR
-samples: a QNH, or the known elevation of the field on which the vehicle rests. An estimator holds a
+samples: a QNH, or the known elevation of the field on which the vehicle rests; the elevation counts
+more, as it sets the altimeter to the vehicle's own barometer. An estimator holds a
 `SETTING` record, calls `note_air` for an AIR sample that `judge_air` admits, and asks
 `indicated_m` and `indicated_sd_m` where GNSS tells nothing.
 
@@ -40,6 +41,8 @@ LOWEST_FIELD_M, HIGHEST_FIELD_M = -500.0, 9_000.0
 SETTING_SD_PA = 60.0
 """Spread of a setting: METARs are whole hectopascals, rounded down, and the field is not the
 station; with the barometer's calibration of 50 Pa."""
+ELEVATION_SD_M = 1.0
+"""Spread of a setting by the field's elevation: that of the place on the field."""
 STANDARD_SD_PA = 1_000.0
 """Spread of the sea-level pressure about 1013.25 hPa where no setting is known."""
 WEATHER_MPS = 0.003
@@ -52,6 +55,8 @@ M_PER_PA = 0.0832
 SETTING = np.dtype(
     [
         ("qnh_pa", "f8"),  # NaN unknown
+        ("sd_m", "f8"),  # of the indicated altitude, when it was set
+        ("told_pa", "f8"),  # the QNH that was told last, NaN none
         ("set_us", "i8"),
         ("field_m", "f8"),  # height where the setting holds; NaN: where the next pressure is
         ("elevation_m", "f8"),  # known elevation that waits for a pressure, NaN none
@@ -66,6 +71,7 @@ SETTING = np.dtype(
 def setting_start(setting: Record) -> None:
     """No setting known."""
     setting.qnh_pa, setting.field_m, setting.elevation_m = math.nan, math.nan, math.nan
+    setting.told_pa, setting.sd_m = math.nan, math.nan
     setting.set_us, setting.is_new = -1, 0
 
 
@@ -105,25 +111,29 @@ def admit_setting(state: Rows, sample: Rows) -> int:
 
 @step
 def note_air(setting: Record, sample: Rows, in_flight: bool) -> bool:
-    """Take the setting of an AIR sample; whether it differs from the one known.
+    """Take the setting of an AIR sample; whether it tells anything new.
 
-    A setting that comes before the first pressure holds where the vehicle is. One that comes later
-    holds at the field's elevation, or at sea level while that is unknown.
+    A QNH that comes before the first pressure holds where the vehicle is. One that comes later holds
+    where it was measured, or at sea level while that is unknown.
     """
-    qnh, elevation = sample[0].qnh_pa, sample[0].field_elevation_m
-    knows_field = LOWEST_FIELD_M <= elevation <= HIGHEST_FIELD_M
-    if LOWEST_QNH_PA <= qnh <= HIGHEST_QNH_PA:
-        if qnh == setting.qnh_pa:
-            return False
-        setting.qnh_pa = qnh
-        setting.field_m = elevation if knows_field else (0.0 if in_flight else math.nan)
-        setting.elevation_m = math.nan
-    elif knows_field:
-        setting.elevation_m = elevation
-    else:
-        return False
-    setting.set_us, setting.is_new = sample[0].time_us, 1
-    return True
+    qnh, at_m, elevation = (
+        sample[0].qnh_pa,
+        sample[0].qnh_elevation_m,
+        sample[0].field_elevation_m,
+    )
+    is_measured = sample[0].qnh_sd_pa > 0.0
+    is_told = LOWEST_QNH_PA <= qnh <= HIGHEST_QNH_PA and (is_measured or qnh != setting.told_pa)
+    if is_told:
+        setting.qnh_pa, setting.told_pa, setting.elevation_m = qnh, qnh, math.nan
+        setting.sd_m = M_PER_PA * (sample[0].qnh_sd_pa if is_measured else SETTING_SD_PA)
+        setting.field_m = 0.0 if in_flight else math.nan
+        if LOWEST_FIELD_M <= at_m <= HIGHEST_FIELD_M:
+            setting.field_m = at_m
+    if LOWEST_FIELD_M <= elevation <= HIGHEST_FIELD_M:
+        setting.elevation_m, is_told = elevation, True
+    if is_told:
+        setting.set_us, setting.is_new = sample[0].time_us, 1
+    return is_told
 
 
 @step
@@ -132,6 +142,7 @@ def note_level(setting: Record, level_m: float) -> None:
     if not math.isnan(setting.elevation_m):
         setting.qnh_pa = qnh_pa(standard_pressure_pa(level_m), setting.elevation_m)
         setting.field_m, setting.elevation_m = setting.elevation_m, math.nan
+        setting.sd_m = ELEVATION_SD_M
     if math.isnan(setting.field_m) and not math.isnan(setting.qnh_pa):
         setting.field_m = indicated_m(setting, level_m)
 
@@ -140,6 +151,13 @@ def note_level(setting: Record, level_m: float) -> None:
 def is_set(setting: Record) -> bool:
     """Whether a setting is known."""
     return not math.isnan(setting.qnh_pa)
+
+
+@step
+def waits_for_level(setting: Record) -> bool:
+    """Whether the elevation of a vehicle at rest has just been told: it counts more than the GNSS
+    heights before it."""
+    return not math.isnan(setting.elevation_m)
 
 
 @step
@@ -159,7 +177,7 @@ def indicated_sd_m(setting: Record, altitude_m: float, now_us: int) -> float:
     field_m = 0.0 if math.isnan(setting.field_m) else setting.field_m
     weather_m = WEATHER_MPS * max(0.0, (now_us - setting.set_us) * 1e-6)
     column_m = COLUMN_RATIO * (altitude_m - field_m)
-    return math.hypot(math.hypot(SETTING_SD_PA * M_PER_PA, weather_m), column_m)
+    return math.hypot(math.hypot(setting.sd_m, weather_m), column_m)
 
 
 @step

@@ -28,7 +28,6 @@ ERROR = np.dtype(
         ("P", "f8", (2, 2)),
         ("time_us", "i8"),  # until when Q^a and Q^b have been added
         ("P_settled", "f8", (2, 2)),  # P after the last fix, before its correlation is dropped
-        ("settled_us", "i8"),
         ("H", "f8", (2,)),
         ("K", "f8", (2,)),
         ("lambda_us", "i8"),  # of the last lambda-update
@@ -47,7 +46,7 @@ def error_start(error: Record, params: Rows) -> None:
     error.x[0], error.x[1] = 0.0, 0.0
     diagonal(error.P, p.P_a0, p.P_b0)
     diagonal(error.P_settled, p.P_a0, p.P_b0)
-    error.time_us, error.settled_us, error.lambda_us = -1, -1, -1
+    error.time_us, error.lambda_us = -1, -1
     error.H[0], error.H[1] = 0.0, 0.0
     error.K[0], error.K[1] = 0.0, 0.0
     error.innovation_m = math.nan
@@ -174,7 +173,6 @@ def z_correct(
     for i in range(2):
         for j in range(2):
             error.P_settled[i, j] = error.P[i, j]
-    error.settled_us = time_us
     if params[0].joint == 0:
         error.P[0, 1], error.P[1, 0] = 0.0, 0.0
     return USED if R_damped == R else GATED

@@ -42,6 +42,14 @@ from companion.estimators.judging import (
     tally,
 )
 from companion.estimators.method import Method
+from companion.estimators.outage import (
+    GAP_S,
+    OUTAGE,
+    gap_s,
+    growth_m2,
+    note_difference,
+    outage_start,
+)
 from companion.estimators.setting import (
     SETTING,
     has_setting,
@@ -50,6 +58,7 @@ from companion.estimators.setting import (
     note_air,
     note_level,
     setting_start,
+    waits_for_level,
 )
 from companion.jit import step
 from companion.kernels.atmosphere import baro_altitude_m, pressure_altitude_m
@@ -63,14 +72,12 @@ SILENCE_US = 3_000_000
 AIR_REACH_US = 10_000_000
 """Longest age of a temperature that still belongs to the height of the next pressure."""
 RING_SIZE = 128  # the delay horizon of a second and more, at 100 Hz
-WEATHER_M2PS = 0.05
-"""Variance rate with which weather moves the correction while there is no fix: 3 m in 200 s, 13 m
-in an hour."""
 CORRELATED_SHARE = 0.5
 """Share of the variance of a GNSS height that does not average out: ionosphere, orbits, multipath."""
 
 STATE = state_dtype(
     ("setting", SETTING),
+    ("outage", OUTAGE),
     ("error", ERROR),
     ("motion", MOTION),
     ("gnss_alone", "i8"),
@@ -100,6 +107,7 @@ def start(state: Rows, params: Rows) -> None:
     reset(state)
     clear(s.baro_us, s.baro_values)
     setting_start(s.setting)
+    outage_start(s.outage)
     error_start(s.error, params)
     motion_start(s.motion)
     s.fix_us, s.since_us, s.temperature_us = -1, -1, -1
@@ -141,16 +149,20 @@ def fuse_waiting_fix(state: Rows, params: Rows) -> None:
 @step
 def fuse_setting(state: Rows, params: Rows, pressure_pa: float) -> None:
     """The z-update of a new setting of the altimeter, as one fix at the indicated altitude, where it
-    tells more than is known."""
+    tells more than is known. The elevation of a vehicle at rest does: what b is beside it is the slow
+    error of the fixes before, which P does not know."""
     s, p = state[0], params[0]
     if s.setting.is_new == 0:
         return
     s.setting.is_new = 0
+    at_rest = waits_for_level(s.setting)
     level_m = pressure_altitude_m(pressure_pa)
     note_level(s.setting, level_m)
     altitude_m = indicated_m(s.setting, level_m)
     sd_m = indicated_sd_m(s.setting, altitude_m, s.now_us)
     s.error.H[0], s.error.H[1] = s.motion.x[0] - p.H_0, 1.0
+    if at_rest:
+        s.error.P[1, 1] += (s.motion.x[0] - altitude_m) ** 2
     if sd_m * sd_m < spread(s.error.P, s.error.H):
         z_update(state, params, s.last_us[PRESSURE, 0], altitude_m, sd_m * sd_m)
 
@@ -232,6 +244,7 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     s.fix_var_m2 = sd_m * sd_m if math.isnan(p.R_GPS) else p.R_GPS
     if s.since_us < 0:
         s.since_us = time_us
+    note_outage(state, params, sample, sd_m)
     if time_us - max(s.since_us, s.last_us[PRESSURE, 0]) > SILENCE_US:
         verdict = follow_gnss(state, params, time_us, fix_m)
     elif time_us <= s.last_us[PRESSURE, 0]:
@@ -241,6 +254,20 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         verdict = foreseen(state, params)
     write_estimate(state, params, estimate)
     return tally(state, GNSS, verdict)
+
+
+@step
+def note_outage(state: Rows, params: Rows, sample: Rows, sd_m: float) -> None:
+    """A fix beside the barometer height of its time. After an outage b may have moved."""
+    s, time_us = state[0], sample[0].time_us
+    baro = baro_at(state, time_us)
+    if math.isnan(baro):
+        return
+    if gap_s(s.outage, time_us) > GAP_S and params[0].gnss_gate < math.inf:
+        s.error.P[1, 1] += growth_m2(s.outage, time_us, baro)
+    note_difference(
+        s.outage, time_us, sample[0].altitude_amsl_m, baro, sample[0].ground_speed_mps, sd_m
+    )
 
 
 @step
@@ -304,14 +331,9 @@ def write_estimate(state: Rows, params: Rows, estimate: Rows) -> None:
     variance = s.motion.P[0, 0] + s.slow_var_m2
     if s.gnss_alone == 0:
         s.error.H[0], s.error.H[1] = s.motion.x[0] - p.H_0, 1.0
-        age_s = (
-            0.0
-            if s.error.settled_us < 0
-            else max(0.0, (s.motion.time_us - s.error.settled_us) * 1e-6)
-        )
         variance = (
             spread(s.error.P_settled, s.error.H)
-            + WEATHER_M2PS * age_s
+            + growth_m2(s.outage, s.motion.time_us, s.baro_m)
             + min(p.R_B, s.motion.P[0, 0])
             + s.slow_var_m2
         )

@@ -284,12 +284,9 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
 def on_air(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     """The setting of the altimeter: the start height where GNSS gives none. A temperature alone is
     IGNORED."""
-    s = state[0]
     verdict = admit_setting(state, sample)
-    if verdict != USED:
-        return verdict
-    if fuse_setting(s.inputs, sample):
-        s.running = 0
+    if verdict == USED:
+        fuse_setting(state[0].inputs, sample)
     return verdict
 
 

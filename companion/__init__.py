@@ -10,7 +10,7 @@ Units
 -----
 SI everywhere; the suffix of a name is its unit: ``_m _mps _mps2 _radps _rad _deg _pa _k _s _us
 _hz``. A standard deviation is ``_sd_m``, a variance ``_var_m2``. Only three places convert units:
-``mavlink/convert.py`` (MAVLink), ``sim/aircraft.py`` (JSBSim) and ``config.py`` (YAML).
+``mavlink/convert.py`` (MAVLink), ``sim/aircraft.py`` (JSBSim) and ``config/`` (YAML).
 
 Time
 ----
@@ -25,12 +25,12 @@ altitude, height and climb are positive upwards.
 
 Datums
 ------
-===========================  ==========================================================================
-``pressure_altitude_m``      what a standard-atmosphere altimeter set to 1013.25 hPa reads (geopotential)
+===========================  =======================================================================
+``pressure_altitude_m``      geopotential height in the standard atmosphere, 1013.25 hPa = 0
 ``altitude_amsl_m``          geometric height above mean sea level (the EGM96 geoid)
 ``altitude_ellipsoid_m``     geometric height above the WGS-84 ellipsoid
 ``height_above_home_m``      above HOME_POSITION
-===========================  ==========================================================================
+===========================  =======================================================================
 
 Names
 -----

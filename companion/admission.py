@@ -1,4 +1,5 @@
-"""Which bytes of a network link are worth decoding: a flood of junk must not slow the vehicle's.
+"""Admits bytes of a network link for decoding, so that a flood of junk cannot delay the vehicle's
+frames.
 
 A byte that begins no frame costs up to 3 us. So senders that have sent MAVLink lately are always
 admitted; all others share a budget.

@@ -1,4 +1,4 @@
-"""What barometer and GNSS height agree on, and which of them left it: the evidence of the checker.
+"""What barometer and GNSS height agree on, and which of them left it; the checker decides by it.
 
 It keeps the difference of the two heights on which both last agreed; weather, flight through a
 pressure field, height and speed bound how far it can drift. Beyond that one of them is wrong: the
@@ -111,7 +111,8 @@ class Agreement:
         self._agreed_errors_m = self._errors_m.copy()
 
     def _mover(self, time_us: int, baro_m: float, gnss_m: float) -> Kind | None:
-        """Which of the two left the trend that both had: None when neither did so alone, or fast."""
+        """Which of the two left the trend that both had: None when neither did so alone, or
+        fast."""
         if time_us - self._changed_us > 2 * FRESH_US:
             return Kind.PRESSURE  # it repeats one value
         near = [pair for pair in self._pairs if abs(pair[3]) <= 0.5 * self.limit_m]

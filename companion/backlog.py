@@ -1,8 +1,8 @@
-"""Whether what is read now was sent long ago, because this process was stopped or held up.
+"""Whether the bytes read now were sent long ago, because this process was stopped or delayed.
 
 After SIGSTOP, a suspended computer or a stalled disk the kernel hands over all that arrived in the
-meantime at once. The estimate needs it; the altitudes made of it are old and must not go out in a
-burst.
+meantime at once. The estimate needs these bytes; the altitudes made of them are old and must not be
+sent in a burst.
 """
 
 LIMIT_US = 500_000

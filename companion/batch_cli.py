@@ -31,7 +31,8 @@ PlacesArgument = Annotated[
 ]
 FolderOption = Annotated[Path, typer.Option(help="Folder for the results.", metavar="DIR")]
 WorkersOption = Annotated[
-    int | None, typer.Option(min=1, help="Processes. Default: one a core.", metavar="N")
+    int | None,
+    typer.Option(min=1, help="Number of processes. Default: one for each core.", metavar="N"),
 ]
 SchedulerOption = Annotated[
     str | None,
@@ -54,7 +55,7 @@ def batch(
     settle: SettleOption = 60.0,
     top: TopOption = 20,
 ) -> None:
-    """Replay a folder of logs: which altitudes were wrong, and why. Goes on where it was stopped."""
+    """Replay a folder of logs: which altitudes were wrong, and why. A stopped batch continues."""
     settings = resolve_settings(config, estimator, changes)
     say_if_compiling(settings.estimator)
 

@@ -15,7 +15,8 @@ from companion.agreement import FRESH_US, Agreement
 from companion.samples import Kind, Rows
 
 LIMIT_M = 30.0
-"""No altitude that is 50 m wrong may be published: less 20 m: 10 m of drift not seen, 10 m the receiver's own."""
+"""No altitude that is 50 m wrong may be published: less 20 m: 10 m of drift not seen, 10 m the
+receiver's own."""
 RESTART_US = 10_000_000
 
 

@@ -30,9 +30,9 @@ from companion.pipeline import Pipeline
 logger = logging.getLogger("kollsman.checkpoint")
 
 MAGIC = b"kollsman checkpoint 1\n"
-PARTS = ("identity", "intake", "health", "outputs", "heard", "_imu", "_scaled_pressure_us")
+PARTS = ("identity", "intake", "health", "outputs", "heard", "readings")
 """Attributes of the pipeline that continue, besides the estimator's state."""
-OPTIONAL_PARTS = ("checker", "texts", "_source", "air")
+OPTIONAL_PARTS = ("checker", "announcements", "air")
 STANDARD_CLASSES = frozenset(
     {
         ("collections", "Counter"),
@@ -55,7 +55,7 @@ STANDARD_CLASSES = frozenset(
 )
 LARGEST_BYTES = 20_000_000
 DISAGREEMENT_US = 3_000_000
-WITNESS_US = 3_000_000
+NOT_HEARD_US = 3_000_000
 
 
 class Checkpoint:
@@ -183,7 +183,7 @@ class Resumption:
             self.settled = True
             if abs(vehicle_us - self._expected_us - elapsed_us) > DISAGREEMENT_US:
                 self._undo("the vehicle's clock did not go on")
-        elif self._pipeline.decoder.frames and elapsed_us > WITNESS_US:
+        elif self._pipeline.decoder.frames and elapsed_us > NOT_HEARD_US:
             self.settled = True
             self._undo("the vehicle of the checkpoint is not heard")
 
@@ -227,7 +227,8 @@ class _Unpickler(pickle.Unpickler):
 
 
 def _boot_s() -> float:
-    """Seconds since the computer was started, asleep or not: steps of the wall clock do not count."""
+    """Seconds since the computer was started, asleep or not: steps of the wall clock do not
+    count."""
     return time.clock_gettime(getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
 
 

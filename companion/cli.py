@@ -35,7 +35,8 @@ OUTPUT_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EBADF}
 
 app = typer.Typer(
     name="kollsman",
-    help="How high a MAVLink vehicle really is: barometer, GNSS and inertial sensors fused beside the autopilot.",
+    help="Estimate the true altitude of a MAVLink vehicle from barometer, GNSS and inertial "
+    "sensors.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
@@ -45,7 +46,14 @@ app = typer.Typer(
 TUNE_EXAMPLES = """\b
 Examples:
   kollsman tune damping-loop flight.tlog
-  kollsman tune damping-loop flight.tlog --out gains.yaml && kollsman replay flight.tlog --config gains.yaml
+  kollsman tune damping-loop flight.tlog --out gains.yaml
+  kollsman replay flight.tlog --config gains.yaml
+"""
+
+KEY_EXAMPLES = """\b
+Examples:
+  kollsman key ~/.config/kollsman/signing.key
+  kollsman run /dev/ttyAMA0:921600 --set signing.key_file=~/.config/kollsman/signing.key
 """
 
 
@@ -60,9 +68,10 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def _options(
     *,
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Log more.")] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Log in more detail.")] = False,
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say it, and exit.")
+        bool,
+        typer.Option("--version", callback=_version, is_eager=True, help="Show version and exit."),
     ] = False,
 ) -> None:
     set_up_logging(logging.DEBUG if verbose else logging.INFO)
@@ -92,18 +101,19 @@ def _tunable(estimator: str) -> "Callable[..., Any]":
 
 @app.command(epilog=TUNE_EXAMPLES)
 def tune(
-    estimator: Annotated[
-        str, typer.Argument(help="damping-loop is the one that has gains to find.")
-    ],
+    estimator: Annotated[str, typer.Argument(help="Estimator; only damping-loop can be tuned.")],
     log: Annotated[
         Path, typer.Argument(help="A recorded log (.tlog) with an IMU of 10 Hz or more.")
     ],
     *,
     config: ConfigOption = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the random search.")] = 0,
-    generations: Annotated[int, typer.Option(min=1, max=10_000, help="How long it searches.")] = 60,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random search.")] = 0,
+    generations: Annotated[
+        int, typer.Option(min=1, max=10_000, help="Number of generations of the search.")
+    ] = 60,
     out: Annotated[
-        Path | None, typer.Option(help="Write the configuration there.", metavar="GAINS.yaml")
+        Path | None,
+        typer.Option(help="File for the configuration with the gains.", metavar="GAINS.yaml"),
     ] = None,
 ) -> None:
     """Find an estimator's gains from a flight, by the genetic algorithm of its paper."""
@@ -135,7 +145,7 @@ def check(
     ] = None,
     *,
     keys: Annotated[
-        bool, typer.Option("--keys", help="Instead, list every key as a Markdown table.")
+        bool, typer.Option("--keys", help="List every key as a Markdown table instead.")
     ] = False,
 ) -> None:
     """Validate a configuration file and print the resolved configuration."""
@@ -148,7 +158,7 @@ def check(
 
 
 def _keys_table() -> str:
-    from companion.config import keys as every_key
+    from companion.config.fields import keys as every_key
     from companion.settings import CompanionSettings
 
     lines = ["| key | default | unit | allowed | meaning |", "|---|---|---|---|---|"]
@@ -186,6 +196,24 @@ def warm_up_command() -> None:
     started_s = time.perf_counter()
     warm_up(settings)
     print(f"compiled in {time.perf_counter() - started_s:.1f} s")
+
+
+@app.command(epilog=KEY_EXAMPLES)
+def key(
+    path: Annotated[Path, typer.Argument(help="The file to make.", metavar="FILE")],
+) -> None:
+    """Make a file with a new key for MAVLink 2 signing; only its owner can read it.
+
+    The file holds a passphrase. Give the same one to the vehicle with a ground station:
+    QGroundControl (Application Settings, Telemetry, MAVLink 2 signing), Mission Planner (Setup,
+    Advanced, MAVLink signing) or MAVProxy (signing setup PASSPHRASE). Then set signing.key_file:
+    every message of Kollsman is signed, and messages that are unsigned, signed with another key, or
+    repeated are refused.
+    """
+    from companion.key_file import make_key
+
+    make_key(path)
+    print(f"wrote {path}; run: kollsman run LINK --set signing.key_file={path.absolute()}")
 
 
 def _tell(problem: str) -> None:

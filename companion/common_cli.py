@@ -1,4 +1,5 @@
-"""What the modules of the command line share: options, and the configuration that they resolve to."""
+"""What the modules of the command line share: options, and the configuration that they resolve
+to."""
 
 import sys
 from pathlib import Path
@@ -12,7 +13,8 @@ if TYPE_CHECKING:
     from companion.settings import CompanionSettings
 
 EstimatorOption = Annotated[
-    str | None, typer.Option(help="In place of the configuration's.", metavar="NAME")
+    str | None,
+    typer.Option(help="Estimator; replaces the one of the configuration.", metavar="NAME"),
 ]
 ConfigOption = Annotated[
     Path | None,
@@ -25,7 +27,9 @@ ConfigOption = Annotated[
 SetOption = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", help="Another value, for this run; repeatable.", metavar="SECTION.KEY=VALUE"
+        "--set",
+        help="Set a key of the configuration for this run; repeatable.",
+        metavar="SECTION.KEY=VALUE",
     ),
 ]
 

@@ -3,12 +3,12 @@
 ::
 
     KollsmanError
-     ├─ ConfigError      a configuration file cannot be used     (wrong key, type, range, missing file)
-     ├─ LinkError        a link cannot be opened or used         (bad URL, no such port, address in use)
-     ├─ LogFormatError   a file is not the log it claims to be   (not a tlog, unreadable, empty)
+     ├─ ConfigError      a configuration file cannot be used     (wrong key, type, range; no file)
+     ├─ LinkError        a link cannot be opened or used         (bad URL, no port, address in use)
+     ├─ LogFormatError   a file is not a log of its format       (not a tlog, unreadable, empty)
      ├─ IdentityError    another program sends with our ids     (a second companion 1/191)
      ├─ VehicleError     the link works, the vehicle does not    (no heartbeat, no barometer)
-     └─ SimulationError  the simulated flight left reality       (non-finite state, below ground, bad scenario)
+     └─ SimulationError  the simulated flight left reality       (non-finite state, below ground)
 
 Bad *data* (corrupt frames, absurd values, clock jumps) never raises: it is counted by reason, or
 becomes a `Verdict`. The command line catches `KollsmanError` once, prints one line and exits with
@@ -29,7 +29,7 @@ class LinkError(KollsmanError, OSError):
 
 
 class LogFormatError(KollsmanError, ValueError):
-    """A file is not the log format it claims to be, or holds nothing of it."""
+    """A file is not of the log format that its name or content suggests, or holds no log."""
 
 
 class IdentityError(KollsmanError):

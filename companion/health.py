@@ -50,20 +50,20 @@ class HealthSettings(Settings):
     """Section ``health``."""
 
     fresh_s: float = Field(2.0, gt=0, le=60)
-    """barometer and GNSS must each have been used this recently to be OK"""
+    """largest age of the last used barometer and GNSS heights with which health is OK"""
     lost_s: float = Field(5.0, gt=0, le=60)
-    """without any usable height for this long it is LOST"""
+    """time without any used height after which health is LOST"""
     silent_s: float = Field(3.0, gt=0, le=60)
-    """seconds of the host's clock without anything from the vehicle, or without any height from it,
-    after which it is LOST"""
+    """time of the host's clock without any message of the vehicle, or without any height, after
+    which health is LOST"""
     recover_s: float = Field(2.0, ge=0, le=60)
-    """a turn for the better must last this long"""
+    """time for which better conditions must last before health improves"""
     sd_ok_m: float = Field(15.0, gt=0, le=1000)
-    """a larger spread is DEGRADED"""
+    """largest standard deviation of the altitude with which health is OK; above it is DEGRADED"""
     sd_lost_m: float = Field(30.0, gt=0, le=1000)
-    """a larger spread is LOST: ALTITUDE stops"""
+    """standard deviation of the altitude above which health is LOST: ALTITUDE stops"""
     level_lost_m: float = Field(50.0, gt=0, le=10_000)
-    """Protection level above which it is LOST: ALTITUDE stops"""
+    """protection level above which health is LOST: ALTITUDE stops"""
 
 
 class HealthMonitor:
@@ -84,7 +84,8 @@ class HealthMonitor:
         self._alive_us: int | None = None
         self._height_us: int | None = None
         self._usable_us: int | None = None
-        """the host's clock at the newest frame, barometer or GNSS sample, and used sample of them"""
+        """the host's clock at the newest frame, barometer or GNSS sample, and used sample of
+        them"""
         self.restart()
 
     def restart(self) -> None:
@@ -121,8 +122,8 @@ class HealthMonitor:
                 self._usable_us = host_us
 
     def age(self, host_us: int, others: Callable[[], str]) -> bool:
-        """Lose the height when the vehicle has been silent on the host's clock; True when the health
-        changed.
+        """Lose the height when the vehicle has been silent on the host's clock; True when the
+        health changed.
 
         `others` tells who else is heard.
         """
@@ -214,7 +215,8 @@ class HealthMonitor:
 
 
 def excluded(estimate: Rows) -> str:
-    """Which sensor the estimator excludes, and since when on the vehicle's clock; empty when none."""
+    """Which sensor the estimator excludes, and since when on the vehicle's clock; empty when
+    none."""
     sensor = FaultySensor(int(estimate[0]["faulty"]))
     if sensor is FaultySensor.NONE:
         return ""

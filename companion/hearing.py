@@ -1,4 +1,5 @@
-"""What is heard on a link, by sender and message: counts, rates, gaps, last values. For `doctor`."""
+"""What is heard on a link, by sender and message: counts, rates, gaps, last values; for
+`doctor`."""
 
 from collections import Counter
 from collections.abc import Hashable
@@ -32,7 +33,7 @@ class Stream:
 
 @dataclass
 class Sender:
-    """Everything of one sender."""
+    """The messages of one sender."""
 
     streams: dict[int, Stream] = field(default_factory=dict)
     version: int = 1
@@ -66,7 +67,7 @@ class Sender:
 
 
 class Hearing:
-    """A link that passes everything on and keeps what it heard.
+    """A link that keeps what it receives.
 
     Parameters
     ----------

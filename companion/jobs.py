@@ -1,9 +1,9 @@
 """Many independent jobs on one runner: a pool of processes by default, a Dask cluster by address.
 
-A job is a frozen dataclass, and a function of one job returns rows (dictionaries that JSON can hold).
-`run` keeps the rows of every finished job in a folder and takes them from there when the same job is
-run again, so that a study or a batch that was stopped or killed continues. A job that raises has no
-rows but an error; the next run tries it again.
+A job is a frozen dataclass or a named tuple, and a function of one job returns its result. `run`
+keeps the result of every finished job in a folder and takes it from there when the same job is run
+again, so that a study or a batch that was stopped or killed continues. A job that raises has an
+error in place of a result; the next run tries it again.
 """
 
 import json
@@ -23,7 +23,8 @@ from companion.errors import ConfigError
 
 Row = dict[str, Any]
 Job = TypeVar("Job")
-Function = Callable[[Job], list[Row]]
+Result = TypeVar("Result")
+Function = Callable[[Job], Result]
 
 KILLED = "a worker process was killed, and this job with it"
 ATTEMPTS = 3
@@ -31,39 +32,59 @@ ATTEMPTS = 3
 
 
 @dataclass(frozen=True)
-class Done(Generic[Job]):
-    """A job that was run: its rows, or why it failed."""
+class Done(Generic[Job, Result]):
+    """A job that was run: its result, or why it failed."""
 
     job: Job
-    rows: list[Row]
+    result: Result | None
     error: str | None = None
 
 
-OnDone = Callable[[int, Done[Any] | None], None]
-"""Called with how many jobs are done and the newest one; None for those whose rows were kept."""
+OnDone = Callable[[int, Done[Any, Any] | None], None]
+"""Called with how many jobs are done and the newest one; None for those whose results were kept."""
+
+
+@dataclass(frozen=True)
+class Storage:
+    """How a result is kept in a file."""
+
+    suffix: str
+    write: Callable[[Any], bytes]
+    read: Callable[[bytes], Any]
+
+
+JSON = Storage(".json", lambda result: json.dumps(result).encode(), json.loads)
+"""for results of dictionaries, lists, texts and numbers"""
 
 
 def run(
-    function: Function[Job],
+    function: Function[Job, Result],
     jobs: Sequence[Job],
     executor: Executor,
     *,
     key: Callable[[Job], str],
     parts: Path | None = None,
+    storage: Storage = JSON,
     weight: Callable[[Job], float] | None = None,
     on_done: OnDone | None = None,
-) -> list[Done[Job]]:
+) -> list[Done[Job, Result]]:
     """`function` of every job, in the order of `jobs`.
 
     Parameters
     ----------
     function : of a module's top level, so that a process can be sent there.
-    key : a file name for a job that changes with everything its rows depend on.
-    parts : folder where rows are kept; None keeps nothing.
-    weight : how long a job takes, in any unit: the longest start first, which keeps all workers busy.
+    key : a file name for a job that changes with everything its result depends on.
+    parts : folder where results are kept; None keeps nothing.
+    storage : how a result becomes a file of `parts`.
+    weight : how long a job takes, in any unit: the longest start first, which keeps all workers
+        busy.
     """
     keys = [key(job) for job in jobs]
-    done = {each: Done(job, rows) for each, job, rows in _kept(parts, keys, jobs)}
+    done: dict[str, Done[Job, Result]] = {}
+    for each, job in zip(keys, jobs, strict=True):
+        path = _path(parts, each, storage)
+        if path is not None and path.exists():
+            done[each] = Done(job, storage.read(path.read_bytes()))
     if on_done is not None:
         on_done(len(done), None)
     todo = {each: job for each, job in zip(keys, jobs, strict=True) if each not in done}
@@ -71,10 +92,10 @@ def run(
     waiting = {executor.submit(quietly, function, todo[each]): each for each in ordered}
     for future in as_completed(waiting):
         name = waiting[future]
-        rows, error = _outcome(future)
-        if error is None and parts is not None:
-            _keep(parts / f"{name}.json", rows)
-        done[name] = Done(todo[name], rows, error)
+        done[name] = _outcome(future, todo[name])
+        path = _path(parts, name, storage)
+        if path is not None and done[name].error is None:
+            _keep(path, storage.write(done[name].result))
         if on_done is not None:
             on_done(len(done), done[name])
     return [done[each] for each in keys]
@@ -83,10 +104,10 @@ def run(
 def run_on(
     workers: int,
     scheduler: str | None,
-    function: Function[Job],
+    function: Function[Job, Result],
     jobs: Sequence[Job],
     **options: Any,
-) -> list[Done[Job]]:
+) -> list[Done[Job, Result]]:
     """`run` on `executor_of`; jobs whose worker process was killed are tried again, in a new pool.
 
     `options` go to `run`; it needs ``parts``, which tells what is done.
@@ -101,33 +122,33 @@ def run_on(
     return found
 
 
-def _kept(
-    parts: Path | None, keys: Sequence[str], jobs: Sequence[Job]
-) -> Iterator[tuple[str, Job, list[Row]]]:
-    for key, job in zip(keys, jobs, strict=True):
-        path = parts / f"{key}.json" if parts is not None else None
-        if path is not None and path.exists():
-            yield key, job, json.loads(path.read_text(encoding="utf-8"))
+def _path(parts: Path | None, key: str, storage: Storage) -> Path | None:
+    return parts / f"{key}{storage.suffix}" if parts is not None else None
 
 
-def _keep(path: Path, rows: list[Row]) -> None:
-    """Write the rows of a job; the file appears whole or not at all."""
+def _keep(path: Path, content: bytes) -> None:
+    """Write the result of a job; the file appears whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_suffix(".partial")
-    partial.write_text(json.dumps(rows), encoding="utf-8")
+    partial.write_bytes(content)
     partial.replace(path)
 
 
-def _outcome(future: "Future[list[Row]]") -> tuple[list[Row], str | None]:
+def results(done: Sequence[Done[Any, Result]]) -> list[Result]:
+    """The results of the jobs that succeeded."""
+    return [each.result for each in done if each.result is not None]
+
+
+def _outcome(future: "Future[Result]", job: Job) -> Done[Job, Result]:
     try:
-        return future.result(), None
+        return Done(job, future.result())
     except BrokenProcessPool:
-        return [], KILLED
+        return Done(job, None, KILLED)
     except Exception as error:  # a job that fails is a result, whatever failed
-        return [], f"{error}" or type(error).__name__
+        return Done(job, None, f"{error}" or type(error).__name__)
 
 
-def quietly(function: Function[Job], job: Job) -> list[Row]:
+def quietly(function: Function[Job, Result], job: Job) -> Result:
     """What the companion logs of one of many jobs is not news."""
     logging.getLogger("kollsman").setLevel(logging.CRITICAL)
     return function(job)

@@ -1,8 +1,9 @@
-"""What is known of the air beside the sensors: setting of the altimeter, temperature, field elevation.
+"""What is known of the air beside the sensors: setting of the altimeter, temperature, field
+elevation.
 
-It comes from section ``air`` of the configuration, or live through `KnownAir.set`. The pipeline tells
-it to the estimator as an AIR sample with the next pressure; the elevation of the field, while the
-vehicle rests on it (`companion.at_rest`), again every two seconds.
+It comes from section ``air`` of the configuration, or live through `KnownAir.set`. The pipeline
+tells it to the estimator as an AIR sample with the next pressure; the elevation of the field, while
+the vehicle rests on it (`companion.at_rest`), again every two seconds.
 """
 
 import logging
@@ -48,17 +49,17 @@ class AirSettings(Settings):
     """Section ``air``: what is known of the air beside the sensors."""
 
     qnh_hpa: float | None = Field(None, ge=850, le=1100)
-    """Altimeter setting (QNH) of the field of the take-off; default: as GNSS shows."""
+    """altimeter setting (QNH) of the field of the take-off; default: as GNSS shows."""
     temperature_c: float | None = Field(None, ge=-90, le=60)
-    """Air temperature at the place of the start, in the shade; default: that of a standard day, with
-    a spread of 15 K."""
+    """air temperature at the place of the start, in the shade; default: that of a standard day,
+    with a spread of 15 K."""
     metar: str | None = Field(None, max_length=400)
     """METAR of the field of the take-off, such as "LSZH 281420Z 24008KT CAVOK 12/08 Q1013": its QNH
     and temperature, where qnh_hpa and temperature_c are not given."""
 
     field_elevation_m: float | None = Field(None, ge=-500, le=9000)
-    """Elevation of the field (m above sea level) on which the vehicle rests before its take-off: its
-    height while it rests there, good to 1 m. Default: as GNSS shows."""
+    """elevation of the field of the take-off, m above sea level: the height of a vehicle that rests
+    there before its flight, good to 1 m; default: as GNSS shows."""
 
     @field_validator("metar")
     @classmethod
@@ -115,8 +116,8 @@ class KnownAir:
         field_elevation_m: float | None = None,
         metar: str | None = None,
     ) -> None:
-        """Replace what is given. `field_elevation_m` alone sets the altimeter to the pressure measured
-        at rest. Raises `ConfigError`, in one line, for a value that is not possible."""
+        """Replace what is given. `field_elevation_m` alone sets the altimeter to the pressure
+        measured at rest. Raises `ConfigError`, in one line, for a value that is not possible."""
         given = {
             "qnh_hpa": qnh_hpa,
             "temperature_c": temperature_c,

@@ -1,4 +1,5 @@
-"""The command ``kollsman run``. What it prints goes through `output`, which never blocks or raises."""
+"""The command ``kollsman run``. What it prints goes through `output`, which never blocks or
+raises."""
 
 import dataclasses
 import json
@@ -6,8 +7,9 @@ import logging
 import math
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
     from companion.links import Link
     from companion.service import Service, Status
     from companion.settings import CompanionSettings
+    from companion.web.settings import HttpSettings
 
 RUN_EXAMPLES = """\b
 Examples:
@@ -33,7 +36,9 @@ Examples:
   ArduPilot SITL:                           kollsman run tcp:127.0.0.1:5762
   A Pixhawk on a Raspberry Pi's UART:       kollsman run /dev/ttyAMA0:921600
   A Pixhawk on USB, recorded:               kollsman run /dev/ttyACM0 --record flights/
-  Autopilot and ground station, no router:  kollsman run /dev/ttyAMA0:921600 --link udpout:192.168.1.20
+  Autopilot and ground station, no router:
+    kollsman run /dev/ttyAMA0:921600 --link udpout:192.168.1.20
+  With a page for a browser:                kollsman run udpin:0.0.0.0:14550 --http 8080
 """
 
 DOCTOR_EXAMPLES = """\b
@@ -45,46 +50,62 @@ Examples:
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
+LinkArgument = Annotated[
+    str,
+    typer.Argument(
+        help="Where the autopilot is; `kollsman links` lists the forms.", envvar="KOLLSMAN_LINK"
+    ),
+]
+MoreOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--link",
+        help="Another link, such as a ground station's; repeatable. MAVLink is routed between all "
+        "of them.",
+        metavar="LINK",
+        envvar="KOLLSMAN_LINKS",
+    ),
+]
+RecordOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Record every frame heard and sent: a folder (one dated file a session), a file, or a "
+        "strftime pattern. An existing file is never overwritten.",
+        metavar="DIR",
+        envvar="KOLLSMAN_RECORD",
+    ),
+]
+HttpOption = Annotated[
+    str | None,
+    typer.Option(
+        "--http",
+        help="Serve the live page, /metrics, /healthz and /api/state there, such as "
+        "127.0.0.1:8080; read-only. Default: not served.",
+        metavar="HOST:PORT",
+        envvar="KOLLSMAN_HTTP",
+    ),
+]
+SystemIdOption = Annotated[
+    int | None, typer.Option(min=1, max=255, help="Our system id; default: the vehicle's.")
+]
+ComponentIdOption = Annotated[
+    int | None, typer.Option(min=1, max=255, help="Our component id (default 191).")
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Status and log lines as JSON objects.")]
+
+
 def run(
-    link: Annotated[
-        str,
-        typer.Argument(
-            help="Where the autopilot is; `kollsman links` lists the forms.",
-            envvar="KOLLSMAN_LINK",
-        ),
-    ],
+    link: LinkArgument,
     *,
-    more: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--link",
-            help="Another link, such as a ground station's; repeatable. MAVLink is routed between "
-            "all of them.",
-            metavar="LINK",
-            envvar="KOLLSMAN_LINKS",
-        ),
-    ] = None,
+    more: MoreOption = None,
     estimator: EstimatorOption = None,
     config: ConfigOption = None,
     changes: SetOption = None,
-    record: Annotated[
-        str | None,
-        typer.Option(
-            help="Record every frame heard and sent: a folder (one dated file a session), a file, "
-            "or a strftime pattern. An existing file is never overwritten.",
-            metavar="DIR",
-            envvar="KOLLSMAN_RECORD",
-        ),
-    ] = None,
-    system_id: Annotated[
-        int | None, typer.Option(min=1, max=255, help="Our system id; default: the vehicle's.")
-    ] = None,
-    component_id: Annotated[
-        int | None, typer.Option(min=1, max=255, help="Our component id (default 191).")
-    ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Status and log lines as JSON objects.")
-    ] = False,
+    record: RecordOption = None,
+    http: HttpOption = None,
+    system_id: SystemIdOption = None,
+    component_id: ComponentIdOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Serve a vehicle: read its sensors, send back ALTITUDE and the DEBUG family, until Ctrl-C."""
     started_s = time.perf_counter()
@@ -92,43 +113,82 @@ def run(
         set_up_logging(logging.getLogger().level, as_json=True)
     settings = resolve_settings(config, estimator, changes)
     say_if_compiling(settings.estimator)
-    settings = _with_options(settings, record, system_id, component_id)
+    settings = _with_options(settings, record, http, system_id, component_id)
+    _serve([link, *(more or [])], settings, Output(), started_s, as_json=as_json)
 
+
+def _serve(
+    urls: list[str],
+    settings: "CompanionSettings",
+    output: Output,
+    started_s: float,
+    *,
+    as_json: bool,
+) -> None:
+    """Open the links and serve the vehicle on them until a stop signal."""
     from companion.checkpoint import Checkpoint, fingerprint
     from companion.clock import SystemClock
+    from companion.key_file import open_signing
     from companion.links import open_links
     from companion.recording import Recording
     from companion.restarts import serve
     from companion.service import Service
     from companion.warmup import warm_up
 
-    clock, output = SystemClock(), Output()
+    clock = SystemClock()
+    signing = open_signing(settings.signing)
     with ExitStack() as stack, _stop_signals() as stopped:
-        opened = open_links([link, *(more or [])], clock)
+        opened = open_links(urls, clock)
         stack.callback(opened.close)
         path = settings.record.path
         recorder = stack.enter_context(Recording(path, settings.record)) if path else None
+        page = _live_page(settings.http, stack, output, as_json=as_json)
         warm_up(settings)
         keeper = Checkpoint(settings.checkpoint, [opened.url], fingerprint(settings))
+        build = partial(
+            Service, opened, settings, clock, recorder=recorder, checkpoint=keeper, signing=signing
+        )
         lines: StatusLine | None = None
 
         def make() -> Service:
-            earlier = lines.service if lines is not None else None
-            return Service(
-                opened, settings, clock, recorder=recorder, checkpoint=keeper, earlier=earlier
-            )
+            return build(earlier=lines.service if lines is not None else None)
 
         def run_one(service: Service) -> None:
             nonlocal lines
             lines = StatusLine(service, output, as_json=as_json)
             lines.ready(time.perf_counter() - started_s)
-            service.run(lambda: bool(stopped), lines.show)
+            service.run(lambda: bool(stopped), lines.show, page(service) if page else None)
 
         _drain(opened)
         serve(make, run_one, clock)
         stack.close()
         if lines is not None:
             lines.stopped(recorder)
+
+
+def _live_page(
+    settings: "HttpSettings", stack: ExitStack, output: Output, *, as_json: bool
+) -> "Callable[[Service], Callable[[], None]] | None":
+    """Serve the live page where the settings want one. What it returns takes a service, and gives
+    what to call after each turn of its loop."""
+    if settings.address is None:
+        return None
+    from companion.web.board import Board
+    from companion.web.server import WebServer
+    from companion.web.settings import read_address
+    from companion.web.snapshot import Snapshots
+
+    board, address = Board(), read_address(settings.address)
+    server = WebServer(address, board, settings.hosts)
+    stack.callback(server.close)
+    server.start()
+    if as_json:
+        head = {"time": timestamp(time.time()), "event": "http"}
+        output.line(json.dumps(head | {"url": server.url}))
+    else:
+        reach = "" if address.is_loopback else "; every machine that reaches this one can read it"
+        output.line(f"live page: {server.url}{reach}")
+    return lambda service: Snapshots(service, board).poll
 
 
 def _drain(link: "Link") -> None:
@@ -141,6 +201,7 @@ def _drain(link: "Link") -> None:
 def _with_options(
     settings: "CompanionSettings",
     record: str | None,
+    http: str | None,
     system_id: int | None,
     component_id: int | None,
 ) -> "CompanionSettings":
@@ -149,6 +210,8 @@ def _with_options(
     changes = {"identity": settings.identity.model_dump() | given}
     if record is not None:
         changes["record"] = settings.record.model_dump() | {"path": record}
+    if http is not None:
+        changes["http"] = settings.http.model_dump() | {"address": http}
     return settings.with_changes(**changes)
 
 
@@ -277,13 +340,13 @@ def doctor(
     *,
     config: ConfigOption = None,
     seconds: Annotated[
-        float, typer.Option(min=1, max=3600, help="How long to listen.", metavar="S")
+        float, typer.Option(min=1, max=3600, help="Time to listen, s.", metavar="S")
     ] = 15.0,
-    as_json: Annotated[bool, typer.Option("--json", help="The findings as JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
 ) -> None:
-    """Listen to a vehicle for some seconds: what is heard, what is missing, which parameter to set.
+    """Listen to a vehicle, and report what is heard, what is missing and which parameter to set.
 
-    Ends with 1 when something is wrong.
+    Exit code 1 when something is wrong.
     """
     settings = resolve_settings(config, None)
     say_if_compiling(settings.estimator)

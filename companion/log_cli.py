@@ -45,7 +45,9 @@ LogsArgument = Annotated[
 ]
 SettleOption = Annotated[
     float,
-    typer.Option(min=0, help="Seconds at the start of each session left out.", metavar="S"),
+    typer.Option(
+        min=0, help="Time at the start of each session that the errors leave out, s.", metavar="S"
+    ),
 ]
 ExpectOption = Annotated[
     list[str] | None,
@@ -59,36 +61,42 @@ ExpectOption = Annotated[
 CsvOption = Annotated[
     Path | None,
     typer.Option(
-        help="One row for each barometer and GNSS sample; Parquet where the name ends so.",
+        help="File of estimates, one row for each barometer and GNSS sample; Parquet if its name "
+        "ends in .parquet.",
         metavar="OUT.csv",
     ),
 ]
 OutOption = Annotated[
-    Path | None, typer.Option(help="The log with our ALTITUDE in it.", metavar="OUT.tlog")
+    Path | None, typer.Option(help="Copy of the log with our ALTITUDE in it.", metavar="OUT.tlog")
 ]
 JsonOption = Annotated[
-    bool, typer.Option("--json", help="The report as JSON (docs/report-schema.md).")
+    bool, typer.Option("--json", help="Print the report as JSON (docs/report-schema.md).")
 ]
 SmoothOption = Annotated[
-    bool, typer.Option("--smooth", help="Also the best altitude after the fact, in the rows.")
+    bool, typer.Option("--smooth", help="Add the smoothed altitude to the rows.")
 ]
 PlotOption = Annotated[
     Path | None,
-    typer.Option(help="Curves over time (extra `sim`); one file a session.", metavar="OUT.png"),
+    typer.Option(
+        help="Picture of the curves over time (extra `sim`); one file for each session.",
+        metavar="OUT.png",
+    ),
 ]
 StanfordOption = Annotated[
     Path | None,
-    typer.Option(help="Error against protection level (extra `sim`).", metavar="OUT.png"),
+    typer.Option(
+        help="Picture of the error against the protection level (extra `sim`).", metavar="OUT.png"
+    ),
 ]
 AlertLimitOption = Annotated[
-    float, typer.Option(min=1, help="Of the Stanford diagram, in metres.", metavar="M")
+    float, typer.Option(min=1, help="Alert limit of the Stanford diagram, m.", metavar="M")
 ]
 SomeEstimatorsOption = Annotated[
     list[str] | None,
-    typer.Option("--estimator", help="Only this one; repeatable. Default: all.", metavar="NAME"),
+    typer.Option("--estimator", help="Estimator to run; repeatable. Default: all.", metavar="NAME"),
 ]
 JunitOption = Annotated[
-    Path | None, typer.Option(help="Write the outcomes of --expect there.", metavar="OUT.xml")
+    Path | None, typer.Option(help="JUnit file for the outcomes of --expect.", metavar="OUT.xml")
 ]
 
 
@@ -175,7 +183,8 @@ def compare(
     alert_limit: AlertLimitOption = 50.0,
     settle: SettleOption = 60.0,
 ) -> None:
-    """Every estimator on one log, beside raw barometer, raw GNSS and the autopilot's own."""
+    """Compare every estimator on one log with raw barometer, raw GNSS and the autopilot's
+    altitude."""
     refuse_same(log, plot, stanford)
     settings = resolve_settings(config, None, changes)
     names = _estimators(estimator)
@@ -184,7 +193,8 @@ def compare(
     from companion.evaluation import compare as comparing
     from companion.evaluation import comparison_plots as plots
     from companion.evaluation import table as comparing_table
-    from companion.replay.summary import document, utc
+    from companion.replay.schema import document
+    from companion.replay.summary import utc
 
     with bar(log.name, 1.0) as advance:
         found = comparing.compare_sessions(log, settings, settle, advance, names)

@@ -11,6 +11,37 @@ _NEEDED = (
 )
 
 
+def signing_problem(pipeline: Pipeline) -> tuple[str, str] | None:
+    """What is wrong with signatures, and what to do; None when nothing is."""
+    counters, identity = pipeline.decoder.counters, pipeline.identity
+    if pipeline.signing is None:
+        if not identity.is_signed:
+            return None
+        return (
+            "the vehicle signs its messages, and may refuse ours, which are unsigned",
+            "set signing.key_file to a file with the vehicle's key (docs/install.md)",
+        )
+    if counters[FrameReject.SIGNATURE]:
+        return (
+            f"{counters[FrameReject.SIGNATURE]} messages refused: signed with another key",
+            "give the vehicle and signing.key_file the same passphrase",
+        )
+    if identity.vehicle is not None:
+        return None
+    if counters[FrameReject.REPEATED]:
+        return (
+            f"{counters[FrameReject.REPEATED]} messages refused: signed with an old time stamp",
+            "two programs may share ids and key (signing.link_id), or a recording is repeated",
+        )
+    if counters[FrameReject.UNSIGNED]:
+        return (
+            f"{counters[FrameReject.UNSIGNED]} messages refused: unsigned",
+            "give the vehicle the key with a ground station (docs/install.md), or remove "
+            "signing.key_file",
+        )
+    return None
+
+
 def notice(pipeline: Pipeline, link: Link) -> str:
     """What is missing so far; empty when nothing is."""
     received = link.statistics.received_bytes
@@ -21,6 +52,9 @@ def notice(pipeline: Pipeline, link: Link) -> str:
         junk = pipeline.decoder.counters[FrameReject.JUNK]
         check = "check the baud rate, and that the port is set to MAVLink 2"
         return f"{received} bytes on {link.url} but no MAVLink ({junk} junk): {check}"
+    signatures = signing_problem(pipeline)
+    if signatures is not None:
+        return ": ".join(signatures)
     if pipeline.identity.vehicle is None:
         known = pipeline.identity.refusal or "; ".join(pipeline.identity.notes)
         if known:

@@ -1,8 +1,8 @@
 """Standard output and log lines that never stop the service.
 
-A terminal that hangs up, a reader that ends (``| head``), a reader that is stopped, a full disk
-behind ``> log`` and descriptors that were closed before the start are all normal for a program that
-runs for months. A line that cannot be written at once is dropped and counted.
+A closed terminal, a reader that ends (``| head``) or is stopped, a full disk behind ``> log`` and
+descriptors that were closed before the start are normal for a program that runs for months. A line
+that cannot be written at once is dropped and counted.
 """
 
 import json

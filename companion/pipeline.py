@@ -7,23 +7,24 @@ give the same estimates and the same output messages, bit for bit.
 import copy
 import logging
 from collections.abc import Callable, Hashable, Mapping
-from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
+from companion.announcements import Announcements
 from companion.checker import Checker
 from companion.estimators import ESTIMATORS, Filter
 from companion.feedback import Feedback, Situation
-from companion.health import HealthMonitor, excluded
+from companion.health import HealthMonitor
 from companion.intake import Intake, SampleReject, restart_row
 from companion.known_air import AirSettings, KnownAir
 from companion.mavlink import convert
 from companion.mavlink.codec import Decoder, Encoder, Frame, Message, mavlink
-from companion.mavlink.commands import answers
 from companion.mavlink.identity import Identity, Origin
-from companion.mavlink.imu import ImuSelector
-from companion.mavlink.outputs import SEVERITY, Outputs, Source, heartbeat
+from companion.mavlink.outputs import Outputs, heartbeat
 from companion.mavlink.parameters import Parameters
-from companion.mavlink.texts import Allowance, StatusTexts
+from companion.mavlink.readings import ReadingSelector
+from companion.mavlink.requests import REQUESTS, Requests, asks_rate
+from companion.mavlink.signing import Signing
+from companion.observer import Observer
 from companion.recorded import Item, Sensed
 from companion.samples import Kind, Packet, Rows, Verdict
 from companion.settings import CompanionSettings
@@ -31,45 +32,14 @@ from companion.settings import CompanionSettings
 logger = logging.getLogger("kollsman.pipeline")
 
 HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
-RAW_IMU = mavlink.MAVLINK_MSG_ID_RAW_IMU
-HIGHRES_IMU = mavlink.MAVLINK_MSG_ID_HIGHRES_IMU
 SYSTEM_TIME = mavlink.MAVLINK_MSG_ID_SYSTEM_TIME
 ALTITUDE = mavlink.MAVLINK_MSG_ID_ALTITUDE
 SIM_STATE = mavlink.MAVLINK_MSG_ID_SIM_STATE
 GLOBAL_POSITION_INT = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 PARAM_VALUE = mavlink.MAVLINK_MSG_ID_PARAM_VALUE
 DATA_STREAM = mavlink.MAVLINK_MSG_ID_REQUEST_DATA_STREAM
-COMMANDS = frozenset({mavlink.MAVLINK_MSG_ID_COMMAND_LONG, mavlink.MAVLINK_MSG_ID_COMMAND_INT})
-PARAMETER_REQUESTS = frozenset(
-    {
-        mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_LIST,
-        mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ,
-        mavlink.MAVLINK_MSG_ID_PARAM_SET,
-    }
-)
-SET_MESSAGE_INTERVAL = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
 FORGERIES = frozenset({Origin.FORGED, Origin.ELSEWHERE})
 OTHERS_US = 5_000_000
-ANSWERS_PER_S = 10
-OWN_HEIGHT_TEXT = "ALTITUDE: the autopilot's own height"
-PRESSURE_TIMEOUT_US = 2_000_000
-
-
-class Observer(Protocol):
-    """Whoever wants to see what happens inside: evaluation, CSV, tests. Rows are valid during the
-    call only."""
-
-    def sample(self, kind: Kind, row: Rows, verdict: Verdict, estimate: Rows) -> None:
-        """A sample got its verdict; the estimate is as it was left by it."""
-
-    def truth(self, time_us: int, altitude_amsl_m: float, climb_mps: float) -> None:
-        """The simulator's truth."""
-
-    def autopilot(self, time_us: int, altitude_amsl_m: float, climb_mps: float) -> None:
-        """The autopilot's own result."""
-
-    def published(self, message: Message) -> None:
-        """An ALTITUDE of ours went out."""
 
 
 class Pipeline:
@@ -83,6 +53,7 @@ class Pipeline:
     listeners : what else wants messages of the vehicle, by message id (answers to our requests).
     sends : False when nobody wants the frames to send: none are made, which saves half the time.
     feedback : one with a mark on disk; default: one without.
+    signing : signs what is sent and refuses what is not signed; None: neither.
     """
 
     def __init__(
@@ -94,8 +65,10 @@ class Pipeline:
         listeners: Mapping[int, Callable[[Message], None]] | None = None,
         sends: bool = True,
         feedback: Feedback | None = None,
+        signing: Signing | None = None,
     ) -> None:
         self.settings = settings
+        self.signing = signing
         self._sends = sends
         self.decoder = Decoder(datagrams=datagrams)
         self.identity = Identity(
@@ -104,8 +77,7 @@ class Pipeline:
             vehicle_component_id=settings.vehicle.component_id,
             own_system_id=settings.identity.system_id,
         )
-        self.texts = StatusTexts()
-        self._source = Source.NONE
+        self.announcements = Announcements(enabled=settings.publish.statustext)
         self._problems: list[str] = []
         self._begin()
         self.feedback = feedback or Feedback(settings.feedback)
@@ -117,17 +89,12 @@ class Pipeline:
         """the frames of the last packet"""
         self._listeners = dict(listeners or {})
         self._encoders: dict[tuple[int, int], Encoder] = {}
-        self._answers = Allowance(ANSWERS_PER_S)
         self.parameters = Parameters(
-            settings,
-            AirSettings,
-            lambda key: getattr(self.air, key),
-            self._set_air_key,
+            settings, AirSettings, lambda key: getattr(self.air, key), self._set_air
         )
-        self._thermometers = convert.THERMOMETERS[settings.intake.air_temperature]
-        self._wanted = set(convert.CONVERTERS) | {
-            *(RAW_IMU, SYSTEM_TIME, ALTITUDE, GLOBAL_POSITION_INT),
-            *self._thermometers,
+        self._requests = Requests(self.parameters)
+        self._wanted = self.readings.message_ids | {
+            *(SYSTEM_TIME, ALTITUDE, GLOBAL_POSITION_INT),
             *self._listeners,
         }
         if self.feedback.knob is not None:
@@ -143,10 +110,9 @@ class Pipeline:
         self.filter = Filter(ESTIMATORS[settings.estimator], settings.section(settings.estimator))
         self.health = HealthMonitor(settings.health, self.filter.method.uses)
         self.checker = Checker()
-        self._excluded = 0
+        self.announcements.new_vehicle()
         self.outputs = Outputs(settings.publish)
-        self._imu = ImuSelector()
-        self._scaled_pressure_us = -PRESSURE_TIMEOUT_US
+        self.readings = ReadingSelector(settings.intake.air_temperature)
         self.air = KnownAir(settings.air)
 
     @property
@@ -165,8 +131,7 @@ class Pipeline:
 
     @property
     def heard_ourselves(self) -> bool:
-        """Whether the last packet was a frame with our own ids, as in a recording of an earlier
-        run."""
+        """Whether the last packet was a frame with our own ids, as in a recording of ours."""
         own = self.identity.own
         return any((frame.system_id, frame.component_id) == own for frame in self.frames)
 
@@ -188,29 +153,6 @@ class Pipeline:
         other._sends = False
         other.observe(observer)
         return other
-
-    def set_air(
-        self,
-        *,
-        qnh_hpa: float | None = None,
-        temperature_c: float | None = None,
-        field_elevation_m: float | None = None,
-        metar: str | None = None,
-    ) -> None:
-        """Set what is known of the air in flight; the estimator gets it with the next pressure.
-
-        Raises `ConfigError` for a value that is not possible.
-        """
-        self.air.set(
-            qnh_hpa=qnh_hpa,
-            temperature_c=temperature_c,
-            field_elevation_m=field_elevation_m,
-            metar=metar,
-        )
-
-    def _set_air_key(self, key: str, value: float) -> None:
-        changes: dict[str, Any] = {key: value}
-        self.set_air(**changes)
 
     def on_own_ids(self, callback: Callable[[Frame], None]) -> None:
         """Call back for every frame that carries our own ids."""
@@ -242,16 +184,15 @@ class Pipeline:
         return self._take(self.decoder.flush(), arrival_us, None)
 
     def age(self, host_us: int) -> list[bytes]:
-        """Time passed on the host's clock: lose a height that has become old, send texts that are
-        due."""
-        if self.health.age(host_us, partial(self._others, host_us)):
-            self._tell_health()
-            vehicle = self.identity.vehicle or (0, 0)
-            at_s = max(0, self.now_us) * 1e-6
-            self.identity.tell(
+        """Time passed on the host's clock: lose a height that is old, send texts that are due."""
+        identity = self.identity
+        if self.health.age(host_us, lambda: ", ".join(identity.others(host_us - OTHERS_US))):
+            self.announcements.health(self.health)
+            vehicle, at_s = identity.vehicle or (0, 0), max(0, self.now_us) * 1e-6
+            identity.tell(
                 f"{vehicle[0]}/{vehicle[1]} lost at {at_s:.1f} s of its clock: {self.health.reason}"
             )
-        messages = self.texts.due(host_us)
+        messages = self.announcements.due(host_us)
         return self._encode(messages) if messages else []
 
     def heartbeat(self) -> list[bytes]:
@@ -260,52 +201,28 @@ class Pipeline:
 
     def tell_problems(self, problems: list[str]) -> None:
         """STATUSTEXT about streams that are slow, missing or refused, when that changes."""
-        if problems == self._problems or not self.settings.publish.statustext:
-            return
-        kinds = [problem.split(":")[0] for problem in problems]
-        if kinds != [problem.split(":")[0] for problem in self._problems]:
-            severity = mavlink.MAV_SEVERITY_WARNING if problems else mavlink.MAV_SEVERITY_INFO
-            text = f"Kollsman: {'; '.join(problems) or 'all streams arrive'}"
-            self.texts.say("streams", tuple(kinds), severity, text)
-        self._problems = problems
+        if problems != self._problems:
+            self.announcements.streams(problems, self._problems)
+            self._problems = problems
 
     def yield_ids(self, may_move: bool) -> None:
         """Another program uses our ids: take the next free ones, or say so and keep them."""
-        text = self.identity.yield_ids(may_move)
-        self.texts.say("ids", text, mavlink.MAV_SEVERITY_WARNING, text)
+        self.announcements.ids(self.identity.yield_ids(may_move))
 
     def farewell(self, host_us: int) -> list[bytes]:
         """The last messages: ALTITUDE with the vehicle's own height, and a text that says so."""
         own_height = self.outputs.last_height(self.now_us)
         if own_height is None:
             return []
-        text = b"Kollsman stops: the autopilot's own height"
-        notice = mavlink.MAVLink_statustext_message(mavlink.MAV_SEVERITY_NOTICE, text)
-        texts = [notice] if self.settings.publish.statustext else []
-        return self._encode([own_height, *texts])
+        return self._encode([own_height, *self.announcements.farewell()])
 
     def encode(self, message: Message) -> list[bytes]:
         """A message of the service's own, such as a request to the vehicle."""
         return self._encode([message])
 
-    def _others(self, host_us: int) -> str:
-        return ", ".join(self.identity.others(host_us - OTHERS_US))
-
-    def _tell_excluded(self) -> None:
-        """STATUSTEXT when another sensor is excluded, or none any more."""
-        faulty = int(self.filter.estimate[0]["faulty"])
-        if faulty == self._excluded or not self.settings.publish.statustext:
-            return
-        self._excluded = faulty
-        text = excluded(self.filter.estimate) or "all sensors used again"
-        self.texts.say("excluded", faulty, mavlink.MAV_SEVERITY_WARNING, f"Kollsman: {text}")
-
-    def _tell_health(self) -> None:
-        """STATUSTEXT about a change of health."""
-        if self.settings.publish.statustext:
-            health = self.health.health
-            text = f"Kollsman {health.name}: {self.health.reason}"
-            self.texts.say("health", health, SEVERITY[health], text)
+    def _set_air(self, key: str, value: float) -> None:
+        change: dict[str, Any] = {key: value}
+        self.air.set(**change)
 
     def _take(self, frames: list[Frame], arrival_us: int, source: Hashable) -> list[bytes]:
         self.frames = []
@@ -317,6 +234,10 @@ class Pipeline:
 
     def _frame(self, frame: Frame, arrival_us: int, source: Hashable) -> list[bytes]:
         identity, message_id = self.identity, frame.message_id
+        refusal = self.signing.refusal(frame) if self.signing is not None else None
+        if refusal is not None:
+            self.decoder.counters[refusal] += 1
+            return []
         speaker = (frame.system_id, frame.component_id)
         if message_id == HEARTBEAT and speaker not in (identity.vehicle, identity.own):
             message = self.decoder.decode(frame)
@@ -330,8 +251,8 @@ class Pipeline:
         if origin is Origin.OURSELVES:
             if self._conflict is not None:
                 self._conflict(frame)
-        elif message_id in COMMANDS or message_id in PARAMETER_REQUESTS:
-            return self._command(frame, arrival_us)
+        elif message_id in REQUESTS:
+            return self._request(frame, arrival_us)
         elif message_id == DATA_STREAM and self._rate_request is not None:
             self._rate_request(frame)
         if origin is not Origin.VEHICLE:
@@ -343,34 +264,20 @@ class Pipeline:
         message = self.decoder.decode(frame)
         return self._message(message, frame.message_id, arrival_us) if message is not None else []
 
-    def _command(self, frame: Frame, arrival_us: int) -> list[bytes]:
-        """A command or parameter request addressed to us, answered a few times a second at most."""
+    def _request(self, frame: Frame, arrival_us: int) -> list[bytes]:
+        """A command or parameter request, answered when it is addressed to us."""
         message = self.decoder.decode(frame)
         if message is None:
             return []
-        is_command = frame.message_id in COMMANDS
-        asks_rate = is_command and message.command == SET_MESSAGE_INTERVAL
-        if asks_rate and self._rate_request is not None:
+        if asks_rate(message, frame.message_id) and self._rate_request is not None:
             self._rate_request(frame)
-        system_id, component_id = self.identity.own
-        everybody = () if is_command else (0,)
-        if message.target_system not in (system_id, *everybody) or message.target_component not in (
-            component_id,
-            *everybody,
-        ):
-            return []
-        if not self._answers.takes(arrival_us):
-            return []
-        if is_command:
-            return self._encode(answers(message, (frame.system_id, frame.component_id)))
-        return self._encode(self.parameters.answer(message))
+        asker = (frame.system_id, frame.component_id)
+        answers = self._requests.answer(message, asker, self.identity.own, arrival_us)
+        return self._encode(answers) if answers else []
 
     def _message(self, message: Message, message_id: int, arrival_us: int) -> list[bytes]:
-        listener = self._listeners.get(message_id)
-        if listener is not None and getattr(message, "target_component", 0) in (
-            0,
-            self.identity.component_id,
-        ):
+        listener, receivers = self._listeners.get(message_id), (0, self.identity.component_id)
+        if listener is not None and getattr(message, "target_component", 0) in receivers:
             listener(message)  # an answer to somebody else's request is not ours
         if message_id == HEARTBEAT:
             self.identity.note(message)
@@ -385,25 +292,20 @@ class Pipeline:
             self._compare(False, convert.global_position(message))
             self.feedback.height(*convert.own_heights(message))
             own_height = self.outputs.own_height(message, self.now_us, self.health.health)
-            return self._publish(own_height) if own_height is not None else []
+            if own_height is None:
+                return []
+            self.announcements.source(self.outputs.source)
+            return self._encode([own_height])
         elif message_id == PARAM_VALUE:
             self.feedback.parameter(message)
         sent: list[bytes] = []
-        for reading in self._readings(message, message_id):
+        for reading in self.readings.of(message, message_id, self.identity.autopilot):
             sent += self._reading(reading, message_id, arrival_us)
         return sent
 
     def _compare(self, is_truth: bool, height: tuple[int, float, float]) -> None:
         if self._observer is not None and height[0] >= 0:
             (self._observer.truth if is_truth else self._observer.autopilot)(*height)
-
-    def _readings(self, message: Message, message_id: int) -> tuple[convert.Reading, ...]:
-        if message_id == RAW_IMU:
-            return self._imu.raw_imu(message, self.identity.autopilot)
-        converter = convert.CONVERTERS.get(message_id)
-        readings = converter(message) if converter is not None else ()
-        thermometer = self._thermometers.get(message_id)
-        return readings + thermometer(message) if thermometer is not None else readings
 
     def _reading(self, reading: convert.Reading, message_id: int, arrival_us: int) -> list[bytes]:
         time_us, reboot = self.intake.place(reading, message_id, arrival_us)
@@ -413,43 +315,28 @@ class Pipeline:
             self.outputs.restart()
             self.checker.restart()
             self.feedback.restart()
-            self._scaled_pressure_us = -PRESSURE_TIMEOUT_US
+            self.readings.restart()
             self.air.restart()
-            sent += self._sample(Kind.STATUS, 0, reboot)
+            sent += self._sample(Kind.STATUS, reboot)
         if time_us is None:
             return sent
-        if self._is_replaced(reading, message_id):
-            self.intake.counters[SampleReject.REPLACED] += 1
-        elif reading.kind is Kind.IMU and not self._wants_imu:
+        if reading.kind is Kind.IMU and not self._wants_imu:
             self.verdicts[Kind.IMU][Verdict.IGNORED] += 1
+        elif self.readings.is_replaced(reading, message_id, self.now_us):
+            self.intake.counters[SampleReject.REPLACED] += 1
         else:
-            return sent + self._sample(
-                reading.kind, reading.instance, self.intake.row(reading, time_us, arrival_us)
-            )
+            row = self.intake.row(reading, time_us, arrival_us)
+            return sent + self._sample(reading.kind, row)
         return sent + self._react(used=False)
 
-    def _is_replaced(self, reading: convert.Reading, message_id: int) -> bool:
-        """Whether the same sensor has a better message."""
-        if reading.kind is Kind.IMU:
-            return self._wants_imu and not self._imu.accepts(message_id, reading, self.now_us)
-        if reading.kind is Kind.PRESSURE:
-            if message_id == HIGHRES_IMU:
-                return self.now_us - self._scaled_pressure_us < PRESSURE_TIMEOUT_US
-            if reading.instance == 0:
-                self._scaled_pressure_us = self.now_us
-        return False
-
-    def _sample(self, kind: Kind, instance: int, row: Rows) -> list[bytes]:
+    def _sample(self, kind: Kind, row: Rows) -> list[bytes]:
+        """Give a sample to the estimator and its verdict to all who follow it."""
+        sent: list[bytes] = []
         self.air.sample(kind, row)
         known = self.air.tell(self.now_us) if kind is Kind.PRESSURE else None
-        sent: list[bytes] = []
         if known is not None:
-            sent = self._step(Kind.AIR, 0, self.intake.air(known, row))
+            sent = self._sample(Kind.AIR, self.intake.air(known, row))
         self.identity.measured(kind)
-        return sent + self._step(kind, instance, row)
-
-    def _step(self, kind: Kind, instance: int, row: Rows) -> list[bytes]:
-        """Give a sample to the estimator and its verdict to all who follow it."""
         self.checker.sample(kind, row)
         verdict = self.filter.step(kind, row)
         self.verdicts[kind][verdict] += 1
@@ -458,11 +345,10 @@ class Pipeline:
         self.outputs.sample(kind, row, verdict, self.filter.estimate)
         if self._observer is not None:
             self._observer.sample(kind, row, verdict, self.filter.estimate)
-        return self._react(used=verdict is Verdict.USED)
+        return sent + self._react(used=verdict is Verdict.USED)
 
     def _react(self, *, used: bool) -> list[bytes]:
-        """What is due now that the vehicle's clock has moved: health, ALTITUDE if the estimate is
-        new, DEBUG."""
+        """What is due now that the vehicle's clock has moved: health, ALTITUDE, DEBUG."""
         now_us, estimate = self.now_us, self.filter.estimate
         messages: list[Message] = []
         changed = False
@@ -470,21 +356,21 @@ class Pipeline:
             altitude_m = float(estimate[0]["altitude_amsl_m"])
             objection = self.intake.objection or self.checker.objection(now_us, altitude_m)
             changed = self.health.assess(now_us, estimate, objection)
-            self._tell_excluded()
+            self.announcements.excluded(estimate)
             if self.checker.asks_restart(now_us, supported=self.health.has_altitude):
                 self._restart_estimator()
         health = self.health.health
         if used:
             altitude = self.outputs.altitude(now_us, health, estimate)
             if altitude is not None:
-                self._tell_source(self.outputs.source)
+                self.announcements.source(self.outputs.source)
                 messages.append(altitude)
                 if self._observer is not None:
                     self._observer.published(altitude)
         if not self._sends:
             return []
         if changed:
-            self._tell_health()
+            self.announcements.health(self.health)
         messages += self.outputs.debug(now_us, health, estimate, self.filter.state)
         identity = self.identity
         if identity.vehicle is not None:
@@ -492,32 +378,13 @@ class Pipeline:
             messages += self.feedback.step(now_us, situation)
         return self._encode(messages) if messages else []
 
-    def _publish(self, own_height: Message) -> list[bytes]:
-        """The vehicle's own height in ALTITUDE."""
-        self._tell_source(self.outputs.source)
-        return self._encode([own_height])
-
-    def _tell_source(self, source: Source) -> None:
-        """STATUSTEXT when ALTITUDE carries the vehicle's own height from now on; that it is ours again
-        is what the text about health says."""
-        if source is self._source:
-            return
-        self._source = source
-        if source is Source.VEHICLE and self.settings.publish.statustext:
-            self.texts.say("source", source, mavlink.MAV_SEVERITY_NOTICE, OWN_HEIGHT_TEXT)
-        else:
-            self.texts.retract("source")
-
     def _restart_estimator(self) -> None:
         """Start the estimator anew. Observers see its samples only, as another would get them."""
-        row = restart_row(self.now_us, self.now_us)
-        self.filter.step(Kind.STATUS, row)
+        self.filter.step(Kind.STATUS, restart_row(self.now_us, self.now_us))
         self.air.restart()
         reason = f"estimator restarted, {self.health.reason}"
         logger.warning("%s (restart %d)", reason, self.checker.restarts)
-        if self.settings.publish.statustext:
-            text = f"Kollsman: {reason}"
-            self.texts.say("restart", self.checker.restarts, mavlink.MAV_SEVERITY_WARNING, text)
+        self.announcements.restart(reason, self.checker.restarts)
 
     def _encode(self, messages: list[Message]) -> list[bytes]:
         if not self._sends:
@@ -525,8 +392,8 @@ class Pipeline:
         own, version = self.identity.own, self.identity.version
         if self.identity.vehicle is None:
             version = 2  # an autopilot that can speak MAVLink 2 may wait for it
-        encoder = self._encoders.get(own)
-        if encoder is None:
-            encoder = self._encoders[own] = Encoder(*own)
+        if own not in self._encoders:
+            self._encoders[own] = Encoder(*own, self.signing)
+        encoder = self._encoders[own]
         frames = (encoder.encode(message, version) for message in messages)
         return [frame for frame in frames if frame]

@@ -1,8 +1,10 @@
-"""Recording every frame heard and sent, for months: one tlog a session, never over an existing file.
+"""Recording every frame heard and sent, for months: one tlog a session, never over an existing
+file.
 
 A session begins with the first frame, and anew after `QUIET_S` without one. The files are written
 by a thread of their own, so that neither a slow card nor a full disk delays the estimate. What the
-disk does not take is dropped and counted; recording goes on in a new file once there is space again.
+disk does not take is dropped and counted; recording goes on in a new file once there is space
+again.
 
 A name is a folder (``DIR/kollsman-20261128T143000Z.tlog``), a file, or a pattern of `strftime` with
 the date in UTC (``flights/%Y-%m-%d/%H%M%S.tlog``). Where the file exists already the next free

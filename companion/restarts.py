@@ -1,7 +1,7 @@
-"""Serving on after a failure: a fault in the code must not leave a display frozen.
+"""Restarts the service after a failure of the code, so that no display freezes.
 
-A ground station that has heard one ALTITUDE shows nothing else (see `companion.mavlink.outputs`), so
-the service is made anew on the same link at once, and begins with the vehicle's own height. What
+A ground station that has heard one ALTITUDE shows nothing else (see `companion.mavlink.outputs`),
+so the service is made anew on the same link at once, and begins with the vehicle's own height. What
 ends the whole process (a signal, no memory) is restarted by systemd or Docker.
 """
 

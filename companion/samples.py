@@ -108,7 +108,7 @@ DTYPES: Mapping[Kind, np.dtype[Any]] = {
         ("course_rad", "f8"),
         ("climb_mps", "f8"),
         ("horizontal_sd_m", "f8"),
-        ("vertical_sd_m", "f8"),  # as the receiver claims; NaN when it claims nothing
+        ("vertical_sd_m", "f8"),  # reported accuracy; NaN when none is reported
         ("hdop", "f8"),
         ("vdop", "f8"),
         ("fix_type", "i8"),  # MAVLink GPS_FIX_TYPE: 3 is 3D

@@ -1,14 +1,15 @@
 """The live loop: one link, one clock, one pipeline, one thread.
 
-Everything that depends on the host's clock is here and nothing of it reaches an estimate: our
-heartbeat, the requests to the vehicle, the silence of the link, and the notice that nothing was
-heard.
+Everything that depends on the host's clock is here, and no estimate depends on it: our heartbeat,
+the requests to the vehicle, the silence of the link, and the notice that nothing was heard.
 """
 
 import logging
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 from companion.admission import Admission
 from companion.backlog import Backlog
@@ -17,14 +18,16 @@ from companion.clock import Clock
 from companion.errors import LogFormatError
 from companion.feedback import start_feedback
 from companion.health import Health
+from companion.key_file import SigningStore
 from companion.links import Link
 from companion.links.routing import Router
 from companion.links.traffic import Traffic
 from companion.logs import LogWriter
-from companion.mavlink.codec import Frame, Message, mavlink
+from companion.mavlink.codec import Frame, Message, decode, mavlink, scan
 from companion.mavlink.identity import Origin, autopilot_name
 from companion.notices import notice
-from companion.pipeline import Observer, Pipeline
+from companion.observer import Observer
+from companion.pipeline import Pipeline
 from companion.samples import Kind, Packet
 from companion.settings import CompanionSettings
 from companion.streaming import Streaming
@@ -38,6 +41,8 @@ HEARTBEAT_US = 1_000_000
 NOTICE_US = 5_000_000
 STATUS_US = 1_000_000
 FOREIGN_HEARTBEATS = 2
+KEPT_TEXTS = 30
+STATUSTEXT: int = mavlink.MAVLINK_MSG_ID_STATUSTEXT
 SESSION_US = 60_000_000
 """Our own frames are recorded this long after the last that was heard."""
 OUTDATED = frozenset(
@@ -72,6 +77,18 @@ class Status:
     """bad input by cause"""
 
 
+class Text(NamedTuple):
+    """A STATUSTEXT."""
+
+    time_us: int
+    """when it was heard or sent, host's clock"""
+    who: str
+    """vehicle or Kollsman"""
+    severity: int
+    """MAV_SEVERITY"""
+    text: str
+
+
 class Service:
     """Runs the companion on an open link until told to stop.
 
@@ -82,6 +99,7 @@ class Service:
     observer : sees the pipeline from inside.
     checkpoint : where the state is kept in case this process is killed.
     earlier : a service on the same link that failed; its vehicle is followed at once.
+    signing : the key, and where its time stamps are kept; None: nothing is signed or verified.
     """
 
     def __init__(
@@ -94,6 +112,7 @@ class Service:
         observer: Observer | None = None,
         checkpoint: Checkpoint | None = None,
         earlier: "Service | None" = None,
+        signing: SigningStore | None = None,
     ) -> None:
         self.link = link
         self.clock = clock
@@ -102,16 +121,21 @@ class Service:
         self.sent_frames = 0
         self.outdated = 0
         """frames that were not sent because they were made of old samples"""
-        listeners = {
+        self.texts: deque[Text] = deque(maxlen=KEPT_TEXTS)
+        """the last STATUSTEXT of the vehicle and our own"""
+        listeners: dict[int, Callable[[Message], None]] = {
             mavlink.MAVLINK_MSG_ID_COMMAND_ACK: self._acknowledged,
             mavlink.MAVLINK_MSG_ID_TIMESYNC: self._time_asked,
+            STATUSTEXT: partial(self._keep_text, "vehicle"),
         }
         self.pipeline = Pipeline(
             settings,
             observer=observer,
             listeners=listeners,
             feedback=start_feedback(settings.feedback, link.url),
+            signing=signing.signing if signing is not None else None,
         )
+        self._signing = signing
         if earlier is not None:
             self.pipeline.identity.resume(earlier.pipeline.identity, clock.now_us())
         self.pipeline.on_own_ids(self._own_ids_heard)
@@ -123,7 +147,10 @@ class Service:
         self._recorder = recorder
         self._recent: deque[bytes] = deque(maxlen=256)
         self._foreign_heartbeats = 0
-        start_us = clock.now_us()
+        self._start(clock.now_us())
+
+    def _start(self, start_us: int) -> None:
+        """Every instant of the host's clock is `start_us`."""
         self._start_us = start_us
         self._traffic = Traffic()
         self._backlog = Backlog()
@@ -136,11 +163,17 @@ class Service:
         self._status_counts: dict[str, int] = {}
 
     def run(
-        self, stop: Callable[[], bool], on_status: Callable[[Status], None] | None = None
+        self,
+        stop: Callable[[], bool],
+        on_status: Callable[[Status], None] | None = None,
+        on_turn: Callable[[], None] | None = None,
     ) -> None:
-        """Serve until `stop()`. `on_status` is called about once a second."""
+        """Serve until `stop()`. `on_status` is called about once a second, `on_turn` after each
+        turn of the loop."""
         while not stop():
             self.turn(POLL_S)
+            if on_turn is not None:
+                on_turn()
             if on_status is not None and self.clock.now_us() - self._status_us >= STATUS_US:
                 on_status(self.status())
         self.stop()
@@ -203,6 +236,11 @@ class Service:
             self.rejected(),
         )
 
+    @property
+    def problems(self) -> list[str]:
+        """Streams that are slow, missing or refused."""
+        return list(self._streaming.problems)
+
     def traffic(self) -> dict[str, Traffic]:
         """The senders heard on each link."""
         if isinstance(self.link, Router):
@@ -219,6 +257,8 @@ class Service:
     def _housekeeping(self, now_us: int) -> None:
         """What is due by the host's clock. Our heartbeat goes out from the first second on every
         link, vehicle or not: many peers speak only to who spoke; it stops when this loop does."""
+        if self._signing is not None:
+            self._signing.keep()
         self._send(self.pipeline.age(now_us), now_us)
         if now_us >= self._heartbeat_due_us:
             self._heartbeat_due_us = now_us + HEARTBEAT_US
@@ -234,8 +274,8 @@ class Service:
                 logger.warning("%s", missing)
 
     def stop(self) -> None:
-        """Say goodbye: the message rates go back to what they were, and ALTITUDE carries the
-        vehicle's own height, at which a ground station's display will stand."""
+        """End the run: the message rates are put back, and the last ALTITUDE carries the vehicle's
+        own height, which a ground station then keeps on display."""
         now_us = self.clock.now_us()
         for message in self.pipeline.feedback.stop():
             self._send(self.pipeline.encode(message), now_us)
@@ -263,14 +303,20 @@ class Service:
                 continue
             self.sent_frames += 1
             self._recent.append(frame)
-            if _message_id(frame) == mavlink.MAVLINK_MSG_ID_ALTITUDE:
+            message_id = _message_id(frame)
+            if message_id == mavlink.MAVLINK_MSG_ID_ALTITUDE:
                 self.published += 1
+            elif message_id == STATUSTEXT and isinstance(found := scan(frame), Frame):
+                message = decode(found)
+                if message is not None:
+                    self._keep_text("Kollsman", message)
             if self.link.statistics.received_bytes and now_us - self._heard_us < SESSION_US:
                 self._record(now_us, frame)
 
     def _record_heard(self, now_us: int) -> None:
         for frame in self.pipeline.frames:
-            self._record(now_us, frame.data)
+            if frame.message_id != mavlink.MAVLINK_MSG_ID_SETUP_SIGNING:  # it holds the key
+                self._record(now_us, frame.data)
 
     def _record(self, now_us: int, frame: bytes) -> None:
         """A recording that cannot go on (the disk is full) must not end the service."""
@@ -281,6 +327,11 @@ class Service:
         except LogFormatError as error:
             logger.error("recording stops: %s", error)
             self._recorder = None
+
+    def _keep_text(self, who: str, message: Message) -> None:
+        self.texts.append(
+            Text(self.clock.now_us(), who, int(message.severity), str(message.text).rstrip("\0"))
+        )
 
     def _time_asked(self, message: Message) -> None:
         """The vehicle compares its clock with ours."""
@@ -314,8 +365,8 @@ class Service:
         strangers = identity.counters[Origin.STRANGER]
         outdated = f", {self.outdated} outdated not sent" if self.outdated else ""
         return (
-            f"{decoder.frames} frames heard ({identity.counters[Origin.VEHICLE]} of the vehicle, {strangers} others), "
-            f"{self.sent_frames} sent ({self.published} ALTITUDE{outdated}), "
+            f"{decoder.frames} frames heard ({identity.counters[Origin.VEHICLE]} of the vehicle, "
+            f"{strangers} others), {self.sent_frames} sent ({self.published} ALTITUDE{outdated}), "
             f"bad input: {self.rejected() or 'none'}{links}"
         )
 

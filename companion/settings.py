@@ -17,8 +17,10 @@ from companion.intake import IntakeSettings
 from companion.known_air import AirSettings
 from companion.mavlink.identity import AUTOPILOT_COMPONENT_ID, OUR_COMPONENT_ID
 from companion.mavlink.outputs import PublishSettings
+from companion.mavlink.signing import SigningSettings
 from companion.mavlink.streams import StreamSettings
 from companion.recording import RecordSettings
+from companion.web.settings import HttpSettings
 
 
 class VehicleSettings(Settings):
@@ -38,8 +40,8 @@ class IdentitySettings(Settings):
     component_id: int = Field(OUR_COMPONENT_ID, ge=1, le=255)
     """our MAVLink component id"""
     on_conflict: Literal["next", "warn"] = "next"
-    """when another program on the link uses our ids: next takes the next free component id of 191 to
-    194, warn keeps ours; both say so in one line"""
+    """what is done when another program on the link uses our ids: next takes the next free
+    component id of 191 to 194, warn keeps ours; both are reported in one line"""
 
 
 EstimatorSections: type[Settings] = create_model(
@@ -60,7 +62,7 @@ class CompanionSettings(Settings):
     """companion.yaml."""
 
     estimator: Literal[tuple(ESTIMATORS)] = DEFAULT_ESTIMATOR  # type: ignore[valid-type]
-    """which one; `kollsman estimators` lists them"""
+    """name of the estimator; `kollsman estimators` lists them"""
     vehicle: VehicleSettings = VehicleSettings()
     identity: IdentitySettings = IdentitySettings()
     intake: IntakeSettings = IntakeSettings()
@@ -68,9 +70,11 @@ class CompanionSettings(Settings):
     health: HealthSettings = HealthSettings()
     publish: PublishSettings = PublishSettings()
     streams: StreamSettings = StreamSettings()
+    signing: SigningSettings = SigningSettings()
     feedback: FeedbackSettings = FeedbackSettings()
     record: RecordSettings = RecordSettings()
     checkpoint: CheckpointSettings = CheckpointSettings()
+    http: HttpSettings = HttpSettings()
     estimators: EstimatorSections = EstimatorSections()
 
     def section(self, estimator: str) -> Settings:

@@ -49,7 +49,8 @@ class Streaming:
     def poll(self, now_us: int, path: tuple[object, ...]) -> list[Message]:
         """The requests to send now.
 
-        `path` : whatever changes when the link was reconnected or the vehicle speaks from elsewhere.
+        `path` : whatever changes when the link was reconnected or the vehicle speaks from
+        elsewhere.
         """
         pipeline = self._pipeline
         identity = pipeline.identity

@@ -376,7 +376,7 @@ class Aircraft:
         else:
             return
         raise SimulationError(
-            f"at {truth.time_us / 1e6:.2f} s the aircraft {fate}: {height_m:.1f} m above a field at "
-            f"{self._ground_m:.1f} m, sinking at {truth.down_mps:.1f} m/s, bank {math.degrees(truth.roll_rad):.0f}, "
-            f"pitch {math.degrees(truth.pitch_rad):.0f} degrees"
+            f"at {truth.time_us / 1e6:.2f} s the aircraft {fate}: {height_m:.1f} m above a field "
+            f"at {self._ground_m:.1f} m, sinking at {truth.down_mps:.1f} m/s, bank "
+            f"{math.degrees(truth.roll_rad):.0f}, pitch {math.degrees(truth.pitch_rad):.0f} degrees"
         )

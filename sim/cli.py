@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="kollsman-sim",
-    help="JSBSim flies a real aircraft model through weather and speaks MAVLink as an autopilot would.",
+    help="Simulate a MAVLink autopilot: JSBSim flies an aircraft model through weather.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
@@ -40,7 +40,8 @@ Examples:
   In real time to a ground station or the companion:
     kollsman-sim fly weather-change --link udpout:127.0.0.1:14550
   As PX4, the companion on one link and a ground station on another:
-    kollsman-sim fly weather-change --flavour px4 --link udpout:127.0.0.1:14540 --link udpout:127.0.0.1:14550
+    kollsman-sim fly weather-change --flavour px4 --link udpout:127.0.0.1:14540 \\
+      --link udpout:127.0.0.1:14550
   Twenty times as fast, to whoever connects, and to a log:
     kollsman-sim fly weather-change --link tcpin:0.0.0.0:5760 --speed 20 --tlog flight.tlog
   Your own scenario with a different seed:
@@ -58,8 +59,8 @@ Examples:
   A minute without the receiver, ten minutes into the log:
     kollsman-sim corrupt flight.tlog outage.tlog --fault outage:start_s=600,duration_s=60
   A lossy and late radio, and a barometer that spikes by 2 hPa:
-    kollsman-sim corrupt flight.tlog bad.tlog --fault drop:probability=0.2 --fault delay:delay_s=1.5,jitter_s=1 \\
-      --fault spike:quantity=pressure,size=200,probability=0.01
+    kollsman-sim corrupt flight.tlog bad.tlog --fault drop:probability=0.2 \\
+      --fault delay:delay_s=1.5,jitter_s=1 --fault spike:quantity=pressure,size=200,probability=0.01
 """
 
 
@@ -111,7 +112,8 @@ _AllStreamsOption = Annotated[
 _FlavourOption = Annotated[
     str,
     typer.Option(
-        help="Simulated autopilot: ardupilot (Plane), copter, px4 or generic. Default: the scenario's.",
+        help="Simulated autopilot: ardupilot (Plane), copter, px4 or generic. Default: the "
+        "scenario's.",
         metavar="AUTOPILOT",
     ),
 ]
@@ -188,13 +190,15 @@ def demo(
     from sim.studies import demo as show
 
     print(
-        f"starting the companion; then {scenario} flies at {speed}x, and the autopilot receives its ALTITUDE",
+        f"starting the companion; then {scenario} flies at {speed}x, and the autopilot receives "
+        "its ALTITUDE",
         flush=True,
     )
     tlog = show.fly(scenario, pace, out, DemoTable().show, lambda text: print(text, flush=True))
     collector = show.judge(tlog)
     print(
-        f"\n{'against truth, after the first minute (m)':42s}{'RMSE':>8s}{'95 %':>8s}{'max':>8s}{'bias':>8s}"
+        f"\n{'against truth, after the first minute (m)':42s}"
+        f"{'RMSE':>8s}{'95 %':>8s}{'max':>8s}{'bias':>8s}"
     )
     for label, found in show.errors(collector).items():
         print(
@@ -284,7 +288,8 @@ def corrupt(
         report = partial(_report_packets, bar, task)
         found = copy(source, target, faults, seed, report)
     print(
-        f"{target}: {found.written} of {found.read} packets written, {found.touched} of them changed or delayed"
+        f"{target}: {found.written} of {found.read} packets written, {found.touched} of them "
+        "changed or delayed"
     )
 
 
@@ -321,10 +326,15 @@ def reproduce(
     *,
     seeds: Annotated[
         int | None,
-        typer.Option(min=2, help="Monte-Carlo runs a paper. Default: each paper's own number."),
+        typer.Option(
+            min=2, help="Number of Monte-Carlo runs of each paper. Default: each paper's own."
+        ),
     ] = None,
     seed_root: Annotated[
-        int, typer.Option(min=0, help="Another number draws other random numbers.", metavar="N")
+        int,
+        typer.Option(
+            min=0, help="Root of all seeds; another root draws other random numbers.", metavar="N"
+        ),
     ] = 0,
     out: Annotated[
         Path, typer.Option(help="Folder of the pages and figures.", metavar="DIR")

@@ -203,8 +203,7 @@ class Flight:
     def run(self, progress: Callable[[Progress], None] | None = None) -> Summary:
         """Fly to the end of the profile, or until `stop`. The log is closed whatever happens.
 
-        Raises `SimulationError` when the flight leaves reality or outlasts the scenario's
-        ``limit_s``.
+        Raises `SimulationError` when the flight leaves reality or outlasts its ``limit_s``.
         """
         started_s = time.perf_counter()
         with contextlib.ExitStack() as stack:
@@ -226,8 +225,8 @@ class Flight:
             self.tick()
             if self.time_us > limit_us:
                 raise SimulationError(
-                    f"'{self.scenario.name}' has not ended after limit_s = {self.scenario.limit_s:g} s, in "
-                    f"'{self.profile.describe()}': shorten the profile, or raise limit_s"
+                    f"'{self.scenario.name}' has not ended after limit_s = {limit_us * 1e-6:g} s, "
+                    f"in '{self.profile.describe()}': shorten the profile, or raise limit_s"
                 )
             if self._speed is not None:
                 ahead_s = (self.time_us - flown_us) * 1e-6 / self._speed - (
@@ -287,8 +286,8 @@ class Flight:
         """Raise `SimulationError` when the fuel is used up."""
         if self.aircraft.fuel_kg() <= 0.0:
             raise SimulationError(
-                f"at {self.time_us / 1e6:.2f} s the fuel is used up during '{self.profile.describe()}': "
-                "make the profile shorter, or set endless_fuel"
+                f"at {self.time_us / 1e6:.2f} s the fuel is used up during "
+                f"'{self.profile.describe()}': make the profile shorter, or set endless_fuel"
             )
 
     def _check_altitude(self, truth: Truth, target: Target) -> None:
@@ -297,9 +296,10 @@ class Flight:
         if abs(truth.altitude_amsl_m - target.altitude_amsl_m) > _STRAYED_M:
             bank_deg = abs(math.degrees(truth.roll_rad))
             raise SimulationError(
-                f"at {truth.time_us / 1e6:.2f} s the aircraft is at {truth.altitude_amsl_m:.0f} m during "
-                f"'{self.profile.describe()}', at {truth.airspeed_mps:.1f} m/s and {bank_deg:.0f} degrees of bank: "
-                "it cannot hold its altitude; give the leg less bank_deg or another airspeed_mps"
+                f"at {truth.time_us / 1e6:.2f} s, during '{self.profile.describe()}' at "
+                f"{truth.altitude_amsl_m:.0f} m, {truth.airspeed_mps:.1f} m/s and a bank of "
+                f"{bank_deg:.0f} degrees, the aircraft cannot hold its altitude; give the leg less "
+                "bank_deg or another airspeed_mps"
             )
 
     def _motion(self) -> None:
@@ -335,13 +335,13 @@ class Flight:
             and truth.altitude_amsl_m > self.aircraft.ground_m + _LIFTED_M
         ):
             raise SimulationError(
-                f"at {truth.time_us / 1e6:.2f} s the wind lifted the aircraft off the ground during "
-                f"'{self.profile.describe()}': reduce the wind of the scenario"
+                f"at {truth.time_us / 1e6:.2f} s the wind lifted the aircraft off the ground "
+                f"during '{self.profile.describe()}': reduce the wind of the scenario"
             )
         if truth.on_ground and target.mode in _AIRBORNE:
             raise SimulationError(
-                f"at {truth.time_us / 1e6:.2f} s the aircraft hit the ground during '{self.profile.describe()}', "
-                f"sinking at {truth.down_mps:.1f} m/s"
+                f"at {truth.time_us / 1e6:.2f} s the aircraft hit the ground during "
+                f"'{self.profile.describe()}', sinking at {truth.down_mps:.1f} m/s"
             )
 
     # Where telemetry goes

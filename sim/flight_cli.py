@@ -68,7 +68,8 @@ def _reporter(bar: "Bar", name: str) -> "Callable[[Progress], None]":
         minutes, seconds = divmod(int(progress.time_s), 60)
         bar.update(
             task,
-            description=f"{name}  {minutes:3d}:{seconds:02d}  {progress.truth.altitude_amsl_m:6.0f} m  "
+            description=f"{name}  {minutes:3d}:{seconds:02d}  "
+            f"{progress.truth.altitude_amsl_m:6.0f} m  "
             f"{progress.truth.climb_mps:+5.1f} m/s  {progress.speed_ratio:5.1f}x  {progress.leg}",
         )
 
@@ -119,5 +120,6 @@ def _print_heard(summary: "Summary") -> None:
         print(f"  {system_id}/{component_id}: {', '.join(names)}")
     if heard.altitude is not None and heard.altitude_us is not None:
         print(
-            f"  last ALTITUDE: {heard.altitude.altitude_amsl:.1f} m AMSL at {heard.altitude_us / 1e6:.1f} s"
+            f"  last ALTITUDE: {heard.altitude.altitude_amsl:.1f} m AMSL at "
+            f"{heard.altitude_us / 1e6:.1f} s"
         )

@@ -146,7 +146,8 @@ class Scenario(Settings):
             altitude_m = getattr(place, "altitude_amsl_m", None)
             if altitude_m is not None and altitude_m < lowest_m:
                 raise ValueError(
-                    f"altitude_amsl_m {altitude_m:g} is not 50 m above the runway at {self.runway.elevation_m:g} m"
+                    f"altitude_amsl_m {altitude_m:g} is not 50 m above the runway at "
+                    f"{self.runway.elevation_m:g} m"
                 )
         return self
 
@@ -156,7 +157,8 @@ class Scenario(Settings):
             airspeed_mps = getattr(place, "airspeed_mps", None)
             if airspeed_mps is not None and airspeed_mps < least_mps:
                 raise ValueError(
-                    f"airspeed_mps {airspeed_mps:g} is too slow for {self.aircraft}: at least {least_mps:g}"
+                    f"airspeed_mps {airspeed_mps:g} is too slow for {self.aircraft}: at least "
+                    f"{least_mps:g}"
                 )
 
 
@@ -204,6 +206,7 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
     known = scenario_paths()
     if str(name_or_path) not in known:
         raise SimulationError(
-            f"no scenario '{name_or_path}': there are {', '.join(known)} (or give the path of a .yaml file)"
+            f"no scenario '{name_or_path}': there are {', '.join(known)} (or give the path of a "
+            ".yaml file)"
         )
     return load(known[str(name_or_path)], Scenario)

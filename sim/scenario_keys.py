@@ -7,15 +7,16 @@ from typing import Any, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from companion.config import allowed_of, unit_of
+from companion.config.fields import allowed_of, meaning_of, unit_of
 from sim.scenario import Scenario
 from sim.sensors import SensorConfig
 
 HEAD = """# Keys of a scenario
 
-A scenario is a YAML file. What it leaves out has the default here; an unknown key, a wrong type or a value out of range
-is refused with one line that names file, line and key. `key[]` is a list. [docs/scenarios.md](../../docs/scenarios.md)
-shows how to write and fly one. Written by `make config-page`, not by hand."""
+A scenario is a YAML file. What it leaves out has the default here; an unknown key, a wrong type or
+a value out of range is refused with one line that names file, line and key. `key[]` is a list.
+[docs/scenarios.md](../../docs/scenarios.md) shows how to write and fly one. Written by `make
+config-page`, not by hand."""
 
 Row = tuple[str, str, str, str, str]
 
@@ -66,13 +67,13 @@ def _rows(model: type[BaseModel], prefix: str) -> Iterator[Row]:
                 )
             yield from _rows(models[0], f"{key}.")
         elif models:
-            yield key, _default(field), "", "see below", _meaning(field)
+            yield key, _default(field), "", "see below", meaning_of(field)
         else:
             yield _row(key, field)
 
 
 def _row(key: str, field: FieldInfo) -> Row:
-    return key, _default(field), unit_of(key), allowed_of(field), _meaning(field)
+    return key, _default(field), unit_of(key), allowed_of(field), meaning_of(field)
 
 
 def _default(field: FieldInfo) -> str:
@@ -97,10 +98,6 @@ def _common(models: list[type[BaseModel]]) -> Mapping[str, FieldInfo]:
 def _tag(name: str, field: FieldInfo) -> str:
     """What says which alternative it is: its name there."""
     return str(get_args(field.annotation)[0]) if name in ("leg", "fault") else ""
-
-
-def _meaning(field: FieldInfo) -> str:
-    return " ".join((field.description or "").split())
 
 
 def _said(model: type[BaseModel]) -> str:

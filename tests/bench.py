@@ -406,9 +406,10 @@ def cpu_of(action: Callable[[], object]) -> float:
 
 
 PARTS = {
-    "sim/aircraft.py": "JSBSim and its properties", "sim/sensors": "sensors", "sim/pilot": "autopilot, profile",
-    "sim/vehicle/ardupilot.py": "payloads of messages", "sim/vehicle/ports.py": "rates, frames",
-    "sim/vehicle/frames.py": "rates, frames", "sim/vehicle/vehicle.py": "vehicle", "sim/vehicle/own_estimate.py": "vehicle",  # noqa: E501
+    "sim/aircraft.py": "JSBSim and its properties", "sim/sensors": "sensors",
+    "sim/pilot": "autopilot, profile", "sim/vehicle/ardupilot.py": "payloads of messages",
+    "sim/vehicle/ports.py": "rates, frames", "sim/vehicle/frames.py": "rates, frames",
+    "sim/vehicle/vehicle.py": "vehicle", "sim/vehicle/own_estimate.py": "vehicle",
     "companion/logs": "log", "sim/flight.py": "the loop", "sim/weather": "weather",
 }  # fmt: skip
 
@@ -491,8 +492,8 @@ def estimators() -> list[Row]:
 
 
 def logs() -> list[Row]:
-    """Reading and replaying logs, on one simulated flight repeated to 50 MB; by processor time, which
-    other programs do not change."""
+    """Reading and replaying logs, on one simulated flight repeated to 50 MB; by processor time,
+    which other programs do not change."""
     import struct
 
     from pymavlink import mavutil

@@ -1,4 +1,5 @@
-"""A simulated vehicle that stands on the runway, and clients at the other ends of its memory links."""
+"""A simulated vehicle that stands on the runway, and clients at the other ends of its memory
+links."""
 
 from pathlib import Path
 from typing import Any

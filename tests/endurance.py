@@ -4,8 +4,8 @@
     python -m tests.endurance --cycles 50 --kind unplug --kind junk
 
 Reported for each kind: recovery (from the end of the disturbance until the vehicle hears ALTITUDE
-again; median and 99th percentile), altitudes further than `WRONG_M` from the truth, and for the whole
-run the growth of the resident memory. A crash ends the run with its traceback.
+again; median and 99th percentile), altitudes further than `WRONG_M` from the truth, and for the
+whole run the growth of the resident memory. A crash ends the run with its traceback.
 """
 
 import argparse

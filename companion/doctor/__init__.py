@@ -11,6 +11,7 @@ from companion.clock import Clock
 from companion.doctor import connection, sensors
 from companion.doctor.case import Case, Finding, Grade, autopilots
 from companion.hearing import Hearing, Speaker
+from companion.key_file import open_signing
 from companion.links import Link
 from companion.mavlink.codec import Message, mavlink
 from companion.mavlink.identity import autopilot_name, is_autopilot
@@ -27,6 +28,7 @@ RULES: tuple[Callable[[Case], Finding | None], ...] = (
     connection.no_autopilot,
     connection.not_followed,
     connection.several_autopilots,
+    connection.signatures,
     sensors.barometer,
     sensors.gnss,
     sensors.inertial,
@@ -45,7 +47,7 @@ def examine(
 ) -> tuple[Case, list[Finding]]:
     """Serve `link` for some seconds, and what was found, worst first."""
     hearing = Hearing(link, clock)
-    service = Service(hearing, settings, clock)
+    service = Service(hearing, settings, clock, signing=open_signing(settings.signing))
     end_us = clock.now_us() + round(seconds * 1e6)
     while clock.now_us() < end_us:
         service.turn(POLL_S)
@@ -67,8 +69,8 @@ def report(case: Case, findings: list[Finding]) -> Iterator[str]:
     hearing = case.hearing
     junk = {str(cause): count for cause, count in hearing.decoder.counters.items() if count}
     yield (
-        f"{hearing.url}: {hearing.statistics.received_bytes} bytes in {hearing.duration_s():.0f} s, "
-        f"{hearing.decoder.frames} MAVLink frames, bad input: {junk or 'none'}"
+        f"{hearing.url}: {hearing.statistics.received_bytes} bytes in {hearing.duration_s():.0f} "
+        f"s, {hearing.decoder.frames} MAVLink frames, bad input: {junk or 'none'}"
     )
     for (system, component), sender in sorted(hearing.senders.items()):
         beat = sender.heartbeat

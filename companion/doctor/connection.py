@@ -5,6 +5,7 @@ from itertools import pairwise
 
 from companion.doctor.case import Case, Finding, Grade, autopilots
 from companion.mavlink.codec import FrameReject, mavlink
+from companion.notices import signing_problem
 
 SYSTEM_TIME = mavlink.MAVLINK_MSG_ID_SYSTEM_TIME
 ALTITUDE = mavlink.MAVLINK_MSG_ID_ALTITUDE
@@ -57,8 +58,18 @@ def no_autopilot(case: Case) -> Finding | None:
     )
 
 
+def signatures(case: Case) -> Finding | None:
+    problem = signing_problem(case.service.pipeline)
+    if problem is None:
+        return None
+    grade = Grade.NOTE if case.service.pipeline.signing is None else Grade.WRONG
+    return Finding(grade, *problem)
+
+
 def not_followed(case: Case) -> Finding | None:
     if case.vehicle is None or case.service.pipeline.identity.vehicle is not None:
+        return None
+    if signing_problem(case.service.pipeline) is not None:
         return None
     pilots = autopilots(case.hearing)
     named = " and ".join(f"{system}/{component}" for system, component in pilots)
@@ -79,8 +90,8 @@ def several_autopilots(case: Case) -> Finding | None:
     return Finding(
         Grade.NOTE,
         f"several autopilots are heard: {named}",
-        "name the one to follow with vehicle.system_id; give each its own SYSID_THISMAV (ArduPilot) "
-        "or MAV_SYS_ID (PX4)",
+        "name the one to follow with vehicle.system_id; give each its own SYSID_THISMAV "
+        "(ArduPilot) or MAV_SYS_ID (PX4)",
     )
 
 
@@ -93,8 +104,8 @@ def refusals(case: Case) -> Finding | None:
         Grade.NOTE,
         f"the vehicle refused requests for message rates ({listed})",
         case.either(
-            "the firmware is old or the rate is above half its loop rate: set the SRn_ parameters of "
-            "this port instead (RAW_SENS, EXT_STAT, EXTRA1, EXTRA3)",
+            "the firmware is old or the rate is above half its loop rate: set the SRn_ parameters "
+            "of this port instead (RAW_SENS, EXT_STAT, EXTRA1, EXTRA3)",
             "set MAV_n_MODE of this port to Onboard",
         ),
     )
@@ -130,8 +141,8 @@ def vehicle_clock(case: Case) -> Finding | None:
     if abs(ahead_us) > HOUR_US:
         return Finding(
             Grade.NOTE,
-            f"this computer's date differs from the vehicle's by {ahead_us / HOUR_US:+.1f} h: dates of "
-            "recordings are wrong, estimates are not",
+            f"this computer's date differs from the vehicle's by {ahead_us / HOUR_US:+.1f} h: "
+            "dates of recordings are wrong, estimates are not",
             "let this computer take its time from the network or a clock module (timedatectl)",
         )
     return Finding(Grade.GOOD, "the clocks of vehicle and computer agree")

@@ -71,7 +71,8 @@ def gnss(case: Case) -> Finding | None:
     if not getattr(message, "v_acc", 0):
         return Finding(
             Grade.NOTE,
-            f"GNSS height {message.alt * 1e-3:.1f} m AMSL without a reported accuracy; 10 m is assumed",
+            f"GNSS height {message.alt * 1e-3:.1f} m AMSL without a reported accuracy; 10 m is "
+            "assumed",
             "speak MAVLink 2 on this port (it carries v_acc): "
             + case.either("SERIALn_PROTOCOL = 2", "MAV_PROTO_VER = 2"),
         )
@@ -93,8 +94,8 @@ def inertial(case: Case) -> Finding | None:
         return None
     rate_hz, message = case.rate_hz(*IMU_IDS), case.last(*IMU_IDS)
     loop = case.either(
-        "SCHED_LOOP_RATE bounds what is granted (Plane: 50 Hz, at most every second loop): 40 Hz or "
-        "less is granted; or set SRn_RAW_SENS of this port to 40",
+        "SCHED_LOOP_RATE bounds what is granted (Plane: 50 Hz, at most every second loop): 40 Hz "
+        "or less is granted; or set SRn_RAW_SENS of this port to 40",
         "set MAV_n_MODE of this port to Onboard",
     )
     if message is None or not rate_hz:

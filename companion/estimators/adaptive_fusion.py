@@ -3,15 +3,15 @@
 C. Hajiyev, U. Hacizade, D. Cilden-Guler, "Integration of Barometric and GPS Altimeters via Adaptive
 Data Fusion Algorithm", 2019. The paper's letters:
 
-==============  =========================  =============================================================
-h^B             ``baro``                   altitude of the standard atmosphere at the measured pressure (1)
+==============  =========================  =========================================================
+h^B             ``baro``                   standard-atmosphere altitude of the pressure (1)
 h^GPS           ``altitude_amsl_m``        GNSS height
 R_B, R_GPS      ``R_B, R_GPS``             variances of the two, m2
 Delta           ``delta``                  residual h^GPS - h^B (18)
 S               ``S``                      adaptive factor on R_B (30)
 K               ``K``                      gain (16), (27)
 P               ``P``                      R_GPS K (17): the paper's figure, not an error variance
-==============  =========================  =============================================================
+==============  =========================  =========================================================
 
 The fixed filter is maximum-likelihood weighting, h = h^B + K Delta with K = R_B / (R_B + R_GPS)
 (15)-(16). The adaptive one replaces R_B by S R_B whenever Delta^2 >= R_GPS + R_B (28), with S from
@@ -21,9 +21,10 @@ filter, with ``gain: fixed`` its non-adaptive one.
 
 Errata
 ------
-S is held at 1 where (28) does not fire: (31) as printed lets S become negative (59 % of the time with the paper's
-variances and no fault), with a pole of the estimate at Delta = 0. K rises with S (the text says it falls). For
-R_B << R_GPS, P tends to R_B (below (25): to 0). `sim.studies.papers.adaptive_fusion` has the errata of the simulation.
+S is held at 1 where (28) does not fire: (31) as printed lets S become negative (59 % of the time
+with the paper's variances and no fault), with a pole of the estimate at Delta = 0. K rises with S
+(the text says it falls). For R_B << R_GPS, P tends to R_B (below (25): to 0).
+`sim.studies.papers.adaptive_fusion` has the errata of the simulation.
 
 Departures
 ----------
@@ -32,11 +33,11 @@ Departures
   barometer height at the fix's own time, interpolated, since a fix arrives late.
 - Geometric height of the full standard atmosphere instead of (1), which is its troposphere in
   geopotential metres.
-- ``gnss_variance_m2``: the paper's constant 169 m2, or the variance that the receiver claims
+- ``gnss_variance_m2``: the paper's constant 169 m2, or the reported variance
   (default).
 - The estimate's ``altitude_sd_m`` is not sqrt(P). When (28) fires, the estimate is exactly h^GPS -
   R_GPS / Delta, with mean square error about R_GPS + 3 R_GPS^2 / Delta^2: above plain GPS, never
-  below it as P claims. When it does not fire the error is that of (13) plus the unexplained part of
+  below it as P says. When it does not fire the error is that of (13) plus the unexplained part of
   (1-K) Delta. It grows while there is no fix, as the barometer's error can
   (`companion.estimators.outage`).
 - Climb is the slope of the barometer height, smoothed over one second; the paper has none.
@@ -48,10 +49,11 @@ Departures
 
 Breaks when
 -----------
-The air is not standard: (28) then fires always and the estimate is GNSS height, a little noisier than GNSS itself
-(14.3 m against 13.0 in the paper's own drift). It fires without reason too, for 32 % of the readings of two healthy
-sensors, and then costs accuracy (9.6 m against 7.4 of the fixed filter). Between fixes it is only as good as the
-barometer. The fixed filter keeps (1-K) of every barometer error for ever.
+The air is not standard: (28) then fires always and the estimate is GNSS height, a little noisier
+than GNSS itself (14.3 m against 13.0 in the paper's own drift). It fires without reason too, for 32
+% of the readings of two healthy sensors, and then costs accuracy (9.6 m against 7.4 of the fixed
+filter). Between fixes it is only as good as the barometer. The fixed filter keeps (1-K) of every
+barometer error for ever.
 """
 
 import math
@@ -119,15 +121,16 @@ class AdaptiveFusionSettings(EstimatorSettings):
     """Section ``estimators.adaptive-fusion``."""
 
     gain: Literal["adaptive", "fixed"] = "adaptive"
-    """the paper's two filters"""
+    """which of the paper's two filters: adaptive or fixed gain"""
     baro_variance_m2: float = Field(81.0, gt=0, le=1e6)
-    """R_B: variance of the barometer height"""
+    """variance of the barometer height (R_B)"""
     gnss_variance_m2: Annotated[float, Field(gt=0, le=1e6)] | Literal["claimed"] = "claimed"
-    """R_GPS: a number (the paper has 169), or as the receiver claims"""
+    """variance of a GNSS height (R_GPS): a number (the paper has 169), or claimed: from the
+    reported accuracy"""
     gnss_sd_floor_m: float = Field(1.0, gt=0, le=100)
-    """a claimed spread below this is not believed"""
+    """least standard deviation of a GNSS height; a smaller reported accuracy is raised to it"""
     gnss_sd_unknown_m: float = Field(13.0, gt=0, le=1000)
-    """spread of a receiver that claims nothing"""
+    """standard deviation of a GNSS height whose receiver reports no accuracy"""
 
     def derived(self) -> Mapping[str, Any]:
         """The letters of the paper."""

@@ -115,9 +115,9 @@ def judge_pressure(state: Rows, sample: Rows, lowest_pa: float, highest_pa: floa
 
 @step
 def judge_gnss(state: Rows, sample: Rows) -> int:
-    """USED for a believable 3D fix, else STALE or INVALID.
+    """USED for a plausible 3D fix, else STALE or INVALID.
 
-    A fix type of 3 alone is no proof: one slid by 700 m on the ground while its claimed accuracy
+    A fix type of 3 alone is no proof: one slid by 700 m on the ground while its reported accuracy
     admitted kilometres.
     """
     if (

@@ -20,8 +20,8 @@ class EstimatorSettings(Settings):
     """Settings of an estimator, with their form for compiled steps.
 
     Three layers: keys that are given count more than those of the ``preset``, and these more than
-    the defaults. ``model_fields_set`` holds the keys that were given, so that ``exclude_unset`` dumps
-    the first layer alone.
+    the defaults. ``model_fields_set`` holds the keys that were given, so that ``exclude_unset``
+    dumps the first layer alone.
     """
 
     PRESETS: ClassVar[Mapping[str, Mapping[str, Any]]] = {}

@@ -6,8 +6,9 @@ more, as it sets the altimeter to the vehicle's own barometer. An estimator hold
 `SETTING` record, calls `note_air` for an AIR sample that `judge_air` admits, and asks
 `indicated_m` and `indicated_sd_m` where GNSS tells nothing.
 
-The spread of the indicated altitude has four parts: that of the setting itself, weather since it was
-set, the temperature of the column between the field and the vehicle, and the barometer's own error.
+The spread of the indicated altitude has four parts: that of the setting itself, weather since it
+was set, the temperature of the column between the field and the vehicle, and the barometer's own
+error.
 """
 
 import math

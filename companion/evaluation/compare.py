@@ -226,7 +226,7 @@ def estimate_series(name: str, log: SampleLog, settings: CompanionSettings) -> S
 
 
 def _attribution(estimates: Rows, arrival_us: Array) -> Attribution:
-    """With the claimed onset, which is on the vehicle's clock, moved to the clock of arrival."""
+    """With the estimated onset, which is on the vehicle's clock, moved to the clock of arrival."""
     since_us = _floats(estimates["faulty_since_us"]) + arrival_us - _floats(estimates["time_us"])
     return Attribution(arrival_us, np.asarray(estimates["faulty"], np.int64), since_us)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from companion.evaluation.metrics import Array
 from companion.samples import FaultySensor
 
-Accusations = NDArray[np.int64]
+Exclusions = NDArray[np.int64]
 """field ``faulty`` of the estimates: `companion.samples.FaultySensor` as numbers, shape (n,)"""
 
 
@@ -19,7 +19,7 @@ class Attribution(NamedTuple):
     """The faulty sensor that an estimator reports over a log, shape (n,) each, by arrival time."""
 
     times_us: Array
-    faulty: Accusations
+    faulty: Exclusions
     since_us: Array
 
 
@@ -47,7 +47,7 @@ class Detection:
 
 def detection(
     times_us: Array,
-    faulty: Accusations,
+    faulty: Exclusions,
     since_us: Array,
     onset_us: float,
     end_us: float,
@@ -74,7 +74,7 @@ def detection(
 
 
 def _cleared_s(
-    times_us: Array, faulty: Accusations, lasts: NDArray[np.bool_], end_us: float
+    times_us: Array, faulty: Exclusions, lasts: NDArray[np.bool_], end_us: float
 ) -> float:
     if not lasts.any() or faulty[lasts][-1] == FaultySensor.NONE:
         return math.nan
@@ -83,12 +83,12 @@ def _cleared_s(
 
 
 def false_alarms(
-    times_us: Array, faulty: Accusations, windows_us: Sequence[tuple[float, float]] = ()
+    times_us: Array, faulty: Exclusions, windows_us: Sequence[tuple[float, float]] = ()
 ) -> int:
     """Number of attributions that begin outside all of `windows_us` (onset, end), when no sensor is
     wrong.
 
-    An accusation begins where ``faulty`` changes to a sensor; one that outlasts a fault is late,
+    An exclusion begins where ``faulty`` changes to a sensor; one that outlasts a fault is late,
     not false.
     """
     before = np.concatenate([[FaultySensor.NONE], faulty[:-1]])

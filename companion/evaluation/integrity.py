@@ -1,8 +1,8 @@
 """Integrity of a reported spread and protection level: coverage, exceedances, Stanford diagram.
 
 Errors last, so one error is above its level in many samples. An exceedance therefore begins where
-|error| > level, and two that are less than `EXCEEDANCE_APART_S` apart count as one. That time is the
-correlation time of the slow GNSS error, over which the allocated rate
+|error| > level, and two that are less than `EXCEEDANCE_APART_S` apart count as one. That time is
+the correlation time of the slow GNSS error, over which the allocated rate
 (`companion.estimators.vertical_bank.settings.crossing_sigma`) counts one crossing.
 
 The Stanford diagram (Tossaint et al., "The Stanford - ESA integrity diagram", 2007) sets |error|

@@ -28,7 +28,8 @@ from companion.settings import CompanionSettings
 
 @dataclass(frozen=True)
 class Published:
-    """What one estimator said and the companion sent, at every pressure and fix; shape (n,) each."""
+    """What one estimator said and the companion sent, at every pressure and fix; shape (n,)
+    each."""
 
     estimates: Rows
     """ESTIMATE rows"""

@@ -5,7 +5,8 @@ from pathlib import Path
 
 from companion.logs import open_log
 from companion.mavlink.codec import Message
-from companion.pipeline import Observer, Pipeline
+from companion.observer import Observer
+from companion.pipeline import Pipeline
 from companion.samples import Kind, Rows, SampleLog, Verdict
 from companion.settings import CompanionSettings
 

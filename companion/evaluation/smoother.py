@@ -1,5 +1,5 @@
-"""The altitude after the fact: a fixed-interval smoother (Rauch, Tung and Striebel 1965) of barometer
-and GNSS, with the barometer's error terms.
+"""The altitude after the fact: a fixed-interval smoother (Rauch, Tung and Striebel 1965) of
+barometer and GNSS, with the barometer's error terms.
 
 It is the reference where a log has no truth, and what ``replay --smooth`` gives. It is independent
 of the estimators and of the IMU, which hardly helps height (0.07 to 0.6 m/s of climb only).
@@ -19,10 +19,9 @@ e      fast error of the barometer, 1.2 m over a minute
 
 The priors are those that served four flights with precise truth (the project's notes on real
 barometers): scale 5 %, k 0 +- 0.15, lag 0 +- 0.5 s, drift 0.001 to 0.05 m/s over 1800 s, fast error
-1.2 m over 60 s. White noise has
-room for stamps that jitter: 0.3 s of climb. The drift of the session, calm to stormy, is the one of
-`WEATHERS` that makes its innovations most likely. Breaks when GNSS lies for minutes: one receiver and one
-barometer cannot tell who moved.
+1.2 m over 60 s. White noise has room for stamps that jitter: 0.3 s of climb. The drift of the
+session, calm to stormy, is the one of `WEATHERS` that makes its innovations most likely. Breaks
+when GNSS lies for minutes: one receiver and one barometer cannot tell who moved.
 """
 
 from dataclasses import dataclass

@@ -1,5 +1,5 @@
-"""Feedback of the weather to the autopilot, off by default: its barometer parameter is moved slowly,
-so that the vehicle holds its true altitude.
+"""Feedback of the weather to the autopilot, off by default: its barometer parameter is moved
+slowly, so that the vehicle holds its true altitude.
 
 `Feedback` is a state machine without I/O: what was heard goes in, the next message comes out, or
 none and the reason. `companion.feedback.mark` keeps on disk what must survive a crash.

@@ -1,5 +1,5 @@
-"""What must survive a crash of this program: which parameter of which vehicle holds a value of ours,
-and its original value."""
+"""What must survive a crash of this program: which parameter of which vehicle holds a value of
+ours, and its original value."""
 
 import contextlib
 import hashlib

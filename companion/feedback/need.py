@@ -1,4 +1,5 @@
-"""How far the autopilot's altitude is below ours: the slow part, with what was written taken out."""
+"""How far the autopilot's altitude is below ours: the slow part, with what was written taken
+out."""
 
 import math
 

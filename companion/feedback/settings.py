@@ -17,18 +17,18 @@ class FeedbackSettings(Settings):
     """what is corrected: change is the change since arming; absolute is also the difference that is
     there on the ground, before the first arming only"""
     bound_m: float = Field(50.0, gt=0, le=100)
-    """largest total correction, metres of altitude"""
+    """largest total correction of the altitude"""
     level_m: float = Field(25.0, gt=0, le=1000)
-    """largest protection level in metres at which the parameter is written"""
+    """largest protection level at which the parameter is written"""
     floor_m: float = Field(30.0, ge=0, le=10_000)
-    """height above the field in metres below which nothing is written while armed; 0 allows it"""
+    """height above the field below which nothing is written while armed; 0 allows it"""
     dead_band_m: float = Field(0.5, ge=0, le=10)
-    """error of the autopilot's altitude in metres at which a correction starts"""
+    """error of the autopilot's altitude at which a correction starts"""
     period_s: float = Field(2.0, ge=2, le=60)
-    """time in seconds between two writes, at least"""
+    """least time between two writes"""
     settle_s: float = Field(30.0, ge=5, le=600)
-    """time in seconds for which every condition must hold before the first write, and again after
-    each interruption"""
+    """time for which every condition must hold before the first write, and again after each
+    interruption"""
     on_stop: Literal["restore", "keep"] = "restore"
     """what a stop of this program does with the parameter: restore writes the original value (in
     flight only where that is no step; otherwise the next start does it after disarming), keep

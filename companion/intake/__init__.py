@@ -1,4 +1,5 @@
-"""Readings in, sample rows out: the vehicle clock and the plausibility check. Knows no estimator."""
+"""Readings in, sample rows out: the vehicle clock and the plausibility check. Knows no
+estimator."""
 
 from companion.intake.rows import Intake, SampleReject, restart_row
 from companion.intake.settings import IntakeSettings

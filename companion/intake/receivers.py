@@ -32,7 +32,8 @@ UNKNOWN_SD_M = 10.0
 SETTLING_US = 5_000_000
 SETTLED_SPREAD_M = 10.0
 WEATHER_M, TEMPERATURE_RATIO = 300.0, 0.1
-"""Barometer and true height differ by no more than this: 35 hPa, and a column 10 % too warm or cold."""
+"""Barometer and true height differ by no more than this: 35 hPa, and a column 10 % too warm or
+cold."""
 MEETS_MIN = 2
 
 
@@ -86,7 +87,8 @@ class Receiver:
             row["altitude_amsl_m"] = math.nan
 
     def _check_unreported(self, row: Rows, baro_m: float) -> None:
-        """A receiver that reports no accuracy must first move as the barometer does, if there is one."""
+        """A receiver that reports no accuracy must first move as the barometer does, if there is
+        one."""
         height_m, time_us = float(row[0]["altitude_amsl_m"]), int(row[0]["time_us"])
         difference_m = height_m - baro_m
         if self._settled or not math.isfinite(difference_m) or gnss_sd_m(row, 0.0, 0.0) > 0.0:

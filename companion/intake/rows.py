@@ -23,7 +23,8 @@ logger = logging.getLogger("kollsman.intake")
 
 
 LARGEST_DOUBT_M = 30.0
-"""A larger common error of the fixes would not shrink with their number, as an estimator takes it."""
+"""A larger common error of the fixes would not shrink with their number, as an estimator takes
+it."""
 
 
 class SampleReject(StrEnum):
@@ -67,7 +68,8 @@ class Intake:
         Returns
         -------
         time_us : of the reading; None when it is left out (counted).
-        reboot : a STATUS row that must go to the estimator first; None when the clock did not restart.
+        reboot : a STATUS row that must go to the estimator first; None when the clock did not
+            restart.
         """
         clockwork, time_us = self.clock.place(reading, source, arrival_us)
         if clockwork is Clockwork.DOUBT or not 0 <= reading.instance < MAX_INSTANCES:
@@ -97,6 +99,10 @@ class Intake:
         elif reading.kind is Kind.GNSS:
             self.datum.gnss(row)
         return row
+
+    def newest(self, kind: Kind) -> Rows:
+        """The row, shape (1,), of the newest sample of a kind; NaN and 0 before the first."""
+        return self._rows[kind]
 
     def air(self, known: Known, at: Rows) -> Rows:
         """The sample row, shape (1,), of what is known of the air, at the time of another row."""

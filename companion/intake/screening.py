@@ -7,7 +7,7 @@ Two rules, both on the difference of GNSS height and barometer height:
   admits its own accuracy. A barometer that repeats one value for ever is broken, whoever moved.
 - **Step**: weather, temperature and climbs change the difference slowly. If it jumps, the one that
   jumped is the suspect at once, before an estimator can follow it. A barometer that stays at its
-  new level is believed there after ``datum_time_s`` (GNSS is the reference), a GNSS height after a
+  new level is accepted there after ``datum_time_s`` (GNSS is the reference), a GNSS height after a
   minute, as receivers correct themselves.
 
 A suspect row is marked; what it means is up to the estimator (which refuses it).
@@ -120,7 +120,7 @@ class DatumScreen:
 
     @property
     def suspects(self) -> tuple[Kind, ...]:
-        """The kinds that are disbelieved now."""
+        """The kinds that are marked as suspect now."""
         return tuple(
             kind
             for baro in self._baros.values()

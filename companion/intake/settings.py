@@ -14,31 +14,35 @@ class IntakeSettings(Settings):
     """age of a GNSS height when the autopilot stamps it: receivers of the u-blox class take 0.1 to
     0.2 s"""
     reorder_s: float = Field(2.0, gt=0, le=10)
-    """a stamp that is this many seconds ahead of the newest one is a gap or damaged: a second
-    consistent stamp is required"""
+    """lead of a time stamp over the newest one above which a second consistent time stamp is
+    required: the stamp may follow a gap or be damaged"""
     late_s: float = Field(10.0, gt=0, le=60)
-    """a stamp that is this many seconds behind the newest one is a late copy over a second path; a
-    stamp further behind is a reboot or damaged: a second consistent stamp is required"""
+    """delay of a time stamp behind the newest one up to which the sample is a late copy over a
+    second path; beyond it a second consistent time stamp is required, because the vehicle may have
+    rebooted or the stamp be damaged"""
     gap_s: float = Field(10.0, gt=0, le=3600)
-    """seconds of the vehicle's clock within which a second stamp must follow such a one"""
+    """time of the vehicle's clock within which the second consistent time stamp must follow"""
     datum_limit_m: float = Field(700.0, gt=0, le=10_000)
-    """barometer and GNSS may differ by this, more than twice what the deepest low can do, ..."""
+    """largest difference of barometer and GNSS height that weather can explain at sea level; more
+    than twice that of the deepest low"""
     datum_limit_ratio: float = Field(0.15, ge=0, le=1)
-    """... plus this share of the height, which is what an arctic winter can do"""
+    """share of the height that is added to datum_limit_m; an arctic winter needs it"""
     datum_time_s: float = Field(10.0, gt=0, le=600)
-    """how long they must contradict each other before one is disbelieved, or agree before it is
-    believed again"""
+    """time for which barometer and GNSS height must contradict each other before one of them is
+    marked as suspect, and agree before it is used again"""
     credible_gnss_sd_m: float = Field(20.0, gt=0, le=1000)
-    """a fix that admits more than this accuses nobody"""
+    """largest reported accuracy (standard deviation) of a GNSS height that is used to check the
+    barometer"""
     step_limit_m: float = Field(60.0, gt=0, le=10_000)
-    """barometer and GNSS may move apart by this at once, beyond what speed and accuracy explain"""
+    """largest sudden change of the difference of barometer and GNSS height, beyond what speed and
+    reported accuracy explain"""
     equal_heights: Literal["doubt", "ellipsoid", "sea_level"] = "doubt"
-    """what a GNSS height is that equals the height above the ellipsoid to the millimetre: in doubt
-    (the geoid's undulation is added to the reported accuracy), one above the ellipsoid (the
-    undulation is subtracted), or one above sea level (as simulators without a geoid send)"""
+    """meaning of a GNSS height that equals the height above the ellipsoid to the millimetre: doubt
+    adds the geoid's undulation to the reported accuracy; ellipsoid subtracts the undulation;
+    sea_level uses the height as it is, for simulators without a geoid"""
     air_temperature: Literal["hygrometer", "airspeed", "imu", "none"] = "hygrometer"
-    """Source of the air temperature: HYGROMETER_SENSOR, a probe in the air; airspeed is
-    SCALED_PRESSURE.temperature_press_diff, the sensor behind a pitot tube; imu is
-    HIGHRES_IMU.temperature, a die 10-30 K above the air (give air_temperature_excess_k)."""
+    """source of the air temperature: hygrometer is HYGROMETER_SENSOR, a probe in the air; airspeed
+    is SCALED_PRESSURE.temperature_press_diff, the sensor behind a pitot tube; imu is
+    HIGHRES_IMU.temperature, a die 10-30 K above the air (give air_temperature_excess_k)"""
     air_temperature_excess_k: float = Field(0.0, ge=-20, le=60)
-    """Excess of that temperature over the air's, K: it is subtracted."""
+    """excess of the measured temperature over the air's; it is subtracted"""

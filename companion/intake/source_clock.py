@@ -7,7 +7,8 @@ logger = logging.getLogger("kollsman.intake")
 
 UNIT_WINDOW_US = 2_000_000
 UNIT_RATIO = (500.0, 2000.0)
-"""Stamps that advance this much faster, or slower, than time are in another unit than their field."""
+"""Stamps that advance this much faster, or slower, than time are in another unit than their
+field."""
 UNIT_WINDOWS = 2
 SECOND_US = 1_000_000
 SKEW_US = 500_000

@@ -44,7 +44,7 @@ class VehicleClock:
         self._late_from_us: int | None = None
         """the first late stamp since the last fresh one"""
         self._arrival_us = 0
-        self._witness_us: int | None = None
+        self._unconfirmed_us: int | None = None
         self._wraps = 0
         self._boot_us = -1
         """the newest stamp that surely counts from boot"""
@@ -84,12 +84,15 @@ class VehicleClock:
                 return self._restart(time_us)
             self.now_us = max(self.now_us, time_us)
             if time_us >= self._boot_us:
-                self._boot_us, self._witness_us, self._arrival_us = time_us, None, arrival_us
+                self._boot_us, self._unconfirmed_us, self._arrival_us = time_us, None, arrival_us
             return Clockwork.TICK, time_us
-        witness_us, self._witness_us = self._witness_us, time_us
-        if witness_us is None or not -self._reorder_us <= time_us - witness_us <= self._gap_us:
+        unconfirmed_us, self._unconfirmed_us = self._unconfirmed_us, time_us
+        if (
+            unconfirmed_us is None
+            or not -self._reorder_us <= time_us - unconfirmed_us <= self._gap_us
+        ):
             return Clockwork.DOUBT, time_us
-        self._witness_us = None
+        self._unconfirmed_us = None
         passed_us, self._arrival_us = arrival_us - self._arrival_us, arrival_us
         ahead_us = time_us - self.now_us
         if ahead_us > 0 and passed_us - ahead_us < SESSION_US:
@@ -98,8 +101,8 @@ class VehicleClock:
         return self._restart(time_us)
 
     def _is_alone(self, time_us: int) -> bool:
-        """Whether late stamps have gone on for a second without a fresh one: late copies come beside
-        fresh ones, a vehicle that restarted sends no fresh one any more."""
+        """Whether late stamps have gone on for a second without a fresh one: late copies come
+        beside fresh ones, a vehicle that restarted sends no fresh one any more."""
         if time_us >= self.now_us - self._reorder_us:
             self._late_from_us = None
             return False

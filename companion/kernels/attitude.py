@@ -41,7 +41,8 @@ from companion.samples import Record, Rows
 
 SLOWEST_TO_START_S = 0.105
 SLOWEST_TO_GO_ON_S = 0.13
-"""IMU intervals with hysteresis, so that an IMU sent at exactly 10 Hz does not switch on and off."""
+"""IMU intervals with hysteresis, so that an IMU sent at exactly 10 Hz does not switch on and
+off."""
 INTERVALS_TO_TRUST = 8
 INTERVAL_WEIGHT = 1.0 / 16.0
 LONGEST_INTERVAL_S = 1.0
@@ -122,8 +123,8 @@ def pitch_rad(attitude: Record) -> float:
 
 @step
 def up_acceleration_mps2(attitude: Record, sample: Rows) -> float:
-    """Upward acceleration: specific force along ``up_b``, less local gravity. NaN while the attitude
-    is unknown.
+    """Upward acceleration: specific force along ``up_b``, less local gravity. NaN while the
+    attitude is unknown.
 
     Call it after `attitude_imu` with the same sample.
     """
@@ -135,7 +136,8 @@ def up_acceleration_mps2(attitude: Record, sample: Rows) -> float:
 
 @step
 def attitude_imu(attitude: Record, sample: Rows) -> None:
-    """Turn both attitudes with the gyros, correct our own with gravity; align while it is unknown."""
+    """Turn both attitudes with the gyros, correct our own with gravity; align while it is
+    unknown."""
     time_us = sample[0].time_us
     elapsed_s = (time_us - attitude.time_us) * 1e-6 if attitude.time_us >= 0 else math.nan
     attitude.time_us = time_us
@@ -160,7 +162,8 @@ def attitude_gnss(attitude: Record, sample: Rows) -> None:
 
 @step
 def attitude_vehicle(attitude: Record, sample: Rows) -> None:
-    """Take the autopilot's attitude, brought to the newest IMU sample, and compare it with our own."""
+    """Take the autopilot's attitude, brought to the newest IMU sample, and compare it with our
+    own."""
     up = attitude.vehicle_up_b
     up[0] = math.sin(sample[0].pitch_rad)
     up[1] = -math.cos(sample[0].pitch_rad) * math.sin(sample[0].roll_rad)

@@ -10,7 +10,7 @@ LOWEST_GNSS_M, HIGHEST_GNSS_M = -1000.0, 50_000.0
 def gnss_sd_m(sample: Rows, floor_m: float, unknown_m: float) -> float:
     """Vertical spread of a GNSS height, not below `floor_m`.
 
-    As the receiver claims, else 2.5 m a unit of VDOP, else 5 m a unit of HDOP (vertical is about
+    As the receiver reports, else 2.5 m a unit of VDOP, else 5 m a unit of HDOP (vertical is about
     twice as bad), else `unknown_m`.
     """
     sd_m = unknown_m

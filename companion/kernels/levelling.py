@@ -59,8 +59,8 @@ VIBRATION_TIME_S = 0.2
 LEAST_SUPPORT_MPS2 = 3.0
 """Least specific force that has a usable direction; in a parabola it has none."""
 NOSE_UP = 0.95
-"""Largest component of ``up_b`` along the nose (72 degrees) at which the nose shows a direction over
-ground."""
+"""Largest component of ``up_b`` along the nose (72 degrees) at which the nose shows a direction
+over ground."""
 
 LEVELLING = np.dtype(
     [
@@ -233,8 +233,8 @@ def gather_window(level: Record, imu: Rows, elapsed_s: float) -> None:
 
 @step
 def is_quiet(level: Record, support: float) -> bool:
-    """Whether the second of the alignment shows no motion; ``force_sum`` and ``rate_sum`` hold means
-    by now."""
+    """Whether the second of the alignment shows no motion; ``force_sum`` and ``rate_sum`` hold
+    means by now."""
     count, mean_rate = level.window_count, level.rate_sum
     force_var = level.force2_sum / count - support * support
     rate_var = level.rate2_sum / count - dot(mean_rate, mean_rate)

@@ -5,7 +5,8 @@ drives parsing and help.
     while True:
         data = link.receive(timeout_s=0.1)
 
-Opening raises `LinkError` with one line that says what to do. An open link never raises: see `Link`.
+Opening raises `LinkError` with one line that says what to do. An open link never raises: see
+`Link`.
 
 Adding a transport is one file with a class ``(Endpoint, Clock) -> Link`` and one line in the table.
 """
@@ -125,7 +126,7 @@ _SPELLINGS = {
 
 
 def parse_url(url: str) -> Endpoint:
-    """The endpoint of `url` in any accepted spelling; ``str`` of it is the canonical one."""
+    """The endpoint of `url` in any accepted spelling; its ``str`` is the canonical spelling."""
     try:
         name, rest = urls.split(url)
     except ValueError as error:
@@ -134,7 +135,8 @@ def parse_url(url: str) -> Endpoint:
     if scheme is None:
         known = ", ".join(SCHEMES)
         raise LinkError(
-            f"link {url!r} has an unknown scheme {name!r}; use the path of a serial port, or {known}"
+            f"link {url!r} has an unknown scheme {name!r}; use the path of a serial port, or "
+            f"{known}"
         )
     try:
         return scheme.parse(scheme.name, rest)
@@ -161,8 +163,8 @@ def open_links(links: Sequence[str], clock: Clock | None = None) -> Link:
 
 
 def open_link(url: str, clock: Clock | None = None) -> Link:
-    """Open a link. Raises `LinkError` if the URL, the address or the port cannot be used; a
-    missing peer is no error."""
+    """Open a link. Raises `LinkError` if the URL, the address or the port cannot be used; a missing
+    peer is not an error."""
     endpoint = parse_url(url)
     try:
         return SCHEMES[endpoint.scheme].make(endpoint, clock or SystemClock())
@@ -173,7 +175,7 @@ def open_link(url: str, clock: Clock | None = None) -> Link:
 
 
 def help_text() -> str:
-    """The link URLs as a table for the command line, a line each: syntax, what it is, an
+    """A table of the link URLs for the command line; each line has the syntax, a description and an
     example."""
     width = max(len(scheme.syntax) for scheme in _SCHEMES)
     help_width = max(len(scheme.help) for scheme in _SCHEMES)

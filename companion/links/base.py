@@ -1,4 +1,4 @@
-"""What every link shares: its states and counters, and when to try again."""
+"""What every link has: states, counters, and the delay before the next attempt to connect."""
 
 import logging
 import select
@@ -14,15 +14,14 @@ log = logging.getLogger("kollsman.links")
 
 
 class LinkState(Enum):
-    """Whether somebody is at the other end, as far as the last `Link.receive` or `Link.send` could
-    tell."""
+    """Whether there is a peer, as the last `Link.receive` or `Link.send` found."""
 
     OPEN = "open"
-    """a peer was heard, a connection or a port is there"""
+    """a peer was heard, or a connection or a port is open"""
     WAITING = "waiting"
-    """no peer yet: nobody heard, nobody connected"""
+    """there has been no peer and no connection yet"""
     LOST = "lost"
-    """there was one; it comes back by itself, inside `Link.receive`"""
+    """the peer or connection was lost; `Link.receive` reconnects"""
 
 
 @dataclass
@@ -32,21 +31,22 @@ class Statistics:
     received_bytes: int = 0
     sent_bytes: int = 0
     dropped_bytes: int = 0
-    """of sends that returned False"""
+    """bytes of sends that returned False"""
     reconnects: int = 0
-    """how often it went from LOST to OPEN"""
+    """number of changes from LOST to OPEN"""
 
 
 class Link(Protocol):
-    """Bytes to and from an autopilot. After opening, nothing that the environment does raises."""
+    """Bytes to and from an autopilot. Once it is open, no method raises an error of the
+    environment."""
 
     url: str
-    """canonical; shows the real port where the given one was 0"""
+    """canonical URL; it shows the assigned port where port 0 was given"""
     statistics: Statistics
     source: Hashable
-    """the peer that the last bytes came from, where there may be several; None elsewhere"""
+    """the peer that sent the last bytes, on a link with several peers; None on others"""
     bytes_per_s: float | None
-    """what the link carries each way; None where that is unknown or plenty"""
+    """capacity in each direction; None where it is unknown or not limiting"""
 
     @property
     def state(self) -> LinkState:
@@ -56,32 +56,32 @@ class Link(Protocol):
     def receive(self, timeout_s: float) -> bytes:
         """The next bytes, as soon as there are any; b"" after about `timeout_s` without.
 
-        Peers are learned and lost connections come back in here, so call it often.
+        New peers and reconnections are handled here, so call it often.
         """
         ...
 
     def trust(self) -> None:
-        """What the last `receive` brought was MAVLink: its peer may be sent to."""
+        """The last `receive` returned MAVLink: its peer may be sent to."""
         ...
 
     def send(self, data: bytes) -> bool:
-        """Hand whole frames to the link, without blocking. False: dropped, nobody is there or
-        cannot keep up."""
+        """Send whole frames without blocking. False: they were dropped, because there is no peer or
+        it is too slow."""
         ...
 
     def descriptors(self) -> list["HasFileno"]:
-        """What to wait on for the next bytes; empty where only `receive` can tell."""
+        """The descriptors to wait on for the next bytes; empty where only `receive` can tell."""
         ...
 
     def close(self) -> None:
-        """Give everything back. Closing twice is fine; a closed link receives b"" and drops what is
-        sent."""
+        """Release everything. Closing twice does no harm; a closed link receives b"" and drops what
+        is sent."""
         ...
 
 
 class BaseLink(ABC):
-    """Counters, state changes (the only thing logged) and closing, around three short methods of a
-    transport."""
+    """Counters, state changes and closing, around three short methods of a transport. Only state
+    changes are logged."""
 
     def __init__(self, url: str, clock: Clock) -> None:
         self.url = url
@@ -115,7 +115,7 @@ class BaseLink(ABC):
         return []
 
     def trust(self) -> None:
-        """A link with one peer trusts it anyway."""
+        """A link with one peer always trusts it."""
         self._trusted = True
 
     def close(self) -> None:
@@ -125,14 +125,14 @@ class BaseLink(ABC):
             self._lost("closed")
 
     def _found(self, who: str) -> None:
-        """Somebody is there: OPEN."""
+        """There is a peer: OPEN."""
         if self._state is not LinkState.OPEN:
             self.statistics.reconnects += self._state is LinkState.LOST
             self._state = LinkState.OPEN
             log.info("%s: open (%s)", self.url, who)
 
     def _lost(self, why: object) -> None:
-        """Nobody is there any more: LOST, unless there never was."""
+        """The peer is gone: LOST, unless there never was one."""
         if self._state is LinkState.OPEN:
             self._state = LinkState.LOST
             log.log(
@@ -150,8 +150,8 @@ class BaseLink(ABC):
 
 
 class Backoff:
-    """When to try again: at once, then after `first_s`, doubling to `longest_s`; success starts it
-    over."""
+    """Delay before the next attempt: none, then `first_s`, doubled up to `longest_s`; a success
+    resets it."""
 
     def __init__(self, clock: Clock, first_s: float = 0.2, longest_s: float = 5.0) -> None:
         self._clock = clock
@@ -160,11 +160,11 @@ class Backoff:
         self._due_us = clock.now_us()
 
     def wait_s(self) -> float:
-        """How long until the next attempt; zero or less when it is due."""
+        """Time until the next attempt, s; zero or less when it is due."""
         return (self._due_us - self._clock.now_us()) / 1e6
 
     def failed(self, longest_s: float | None = None) -> None:
-        """Wait longer than last time, but no longer than `longest_s`."""
+        """Double the delay, up to `longest_s`."""
         longest_s = self._longest_s if longest_s is None else longest_s
         wait_s = min(self._next_s, longest_s)
         self._due_us = self._clock.now_us() + round(wait_s * 1e6)
@@ -175,7 +175,7 @@ class Backoff:
 
 
 class HasFileno(Protocol):
-    """What select takes."""
+    """An object that `select` accepts."""
 
     def fileno(self) -> int: ...
 

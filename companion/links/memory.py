@@ -1,7 +1,7 @@
 """Links within one process: `pair` for tests, ``memory:NAME`` for two ends that know only a name.
 
-Nothing here waits in the kernel: time passes on the link's clock, so a manual clock makes a whole
-run deterministic.
+No call waits in the kernel. Time passes on the link's clock, so a run with a manual clock is
+deterministic.
 """
 
 from collections import deque
@@ -20,7 +20,7 @@ _numbers = count(1)
 
 
 class MemoryLink(BaseLink):
-    """One of two ends that meet under a name. One `send` is one `receive`."""
+    """One of two ends that share a name. Each `send` is one `receive` of the other end."""
 
     def __init__(self, endpoint: Endpoint, clock: Clock) -> None:
         super().__init__(str(endpoint), clock)

@@ -1,9 +1,10 @@
 """Several links as one, with MAVLink routing between them, so that no router is needed beside us.
 
-What one link brings is handed to us and passed on to the others: a frame without a target, or with
-target system 0, to all; one with a target to the links on which that target was heard. Nothing goes
-back to the link it came from, and a frame that comes by a second way within `REPEAT_US` is dropped:
-so a loop carries every frame once. RADIO_STATUS tells of its own link alone and is not passed on.
+A frame that one link receives is given to us and forwarded to the other links. A frame without a
+target, or with target system 0, goes to all; a frame with a target goes to the links on which that
+target was heard. No frame goes back to its own link, and a frame that another link brings again
+within `REPEAT_US` is dropped, so that a loop carries every frame once. RADIO_STATUS, which
+describes its own link alone, and SETUP_SIGNING, which holds a key, are not forwarded.
 """
 
 import select
@@ -23,7 +24,13 @@ REPEAT_US = 2_000_000
 QUIET_US = 200_000
 MOST_ROUTES = 256
 NAP_S = 0.005
-LOCAL = frozenset({mavlink.MAVLINK_MSG_ID_RADIO_STATUS, mavlink.MAVLINK_MSG_ID_RADIO})
+LOCAL = frozenset(
+    {
+        mavlink.MAVLINK_MSG_ID_RADIO_STATUS,
+        mavlink.MAVLINK_MSG_ID_RADIO,
+        mavlink.MAVLINK_MSG_ID_SETUP_SIGNING,  # it holds the key
+    }
+)
 
 Ids = tuple[int, int]
 
@@ -41,7 +48,7 @@ class _Port:
 
 
 class Router:
-    """A `Link` over several. What `receive` returns are whole frames of one link.
+    """A `Link` over several links. `receive` returns whole frames of one of them.
 
     Parameters
     ----------
@@ -59,7 +66,7 @@ class Router:
         self.source: Hashable = None
         self.bytes_per_s = links[0].bytes_per_s
         self.repeated = 0
-        """frames that came by a second way"""
+        """frames dropped because another link had brought them already"""
         self.forwarded = 0
 
     @property
@@ -70,7 +77,7 @@ class Router:
 
     @property
     def rejects(self) -> Counter[FrameReject]:
-        """Bad input of all links by cause."""
+        """Counts of bad input on all links, by reason."""
         return sum((port.decoder.counters for port in self._ports), Counter[FrameReject]())
 
     def traffic(self) -> dict[str, Traffic]:
@@ -78,7 +85,7 @@ class Router:
         return {port.link.url: port.traffic for port in self._ports}
 
     def trust(self) -> None:
-        """Each link is told as its frames are found."""
+        """Each link is trusted when a frame is found in its bytes."""
 
     def receive(self, timeout_s: float) -> bytes:
         end_s = time.monotonic() + timeout_s
@@ -95,7 +102,7 @@ class Router:
             self._wait(left_s)
 
     def send(self, data: bytes) -> bool:
-        """A frame of our own: to everybody, or where its target was heard."""
+        """Send a frame of our own to all links, or to those on which its target was heard."""
         found = scan(data)
         ports: Sequence[int] = range(len(self._ports))
         if isinstance(found, Frame):
@@ -133,7 +140,7 @@ class Router:
         return b"".join(frame.data for frame in fresh)
 
     def _is_first(self, frame: Frame, index: int, now_us: int) -> bool:
-        """Whether a frame did not come by another link lately."""
+        """Whether no other link has brought the frame within `REPEAT_US`."""
         for data, (_, seen_us) in list(self._seen.items()):
             if now_us - seen_us <= REPEAT_US:
                 break
@@ -153,7 +160,7 @@ class Router:
             self.forwarded += self._ports[other].link.send(frame.data)
 
     def _toward(self, frame: Frame, index: int) -> list[int]:
-        """The links that `frame`, which came from link `index`, belongs on."""
+        """The links to which `frame`, received on link `index`, is forwarded."""
         others = [number for number in range(len(self._ports)) if number != index]
         system, component = target_of(frame)
         if system == 0:

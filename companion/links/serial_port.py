@@ -1,5 +1,5 @@
-"""Serial ports: a UART, a USB cable, a telemetry radio, a pseudo-terminal. Unplugged, it is
-reopened under its path."""
+"""Serial ports: a UART, a USB cable, a telemetry radio, a pseudo-terminal. A port that was
+unplugged is reopened under its path."""
 
 import contextlib
 import errno
@@ -31,7 +31,7 @@ BAUD_TRIAL_US = 700_000
 BAUD_TRIAL_BYTES = 60
 BAUD_FRAMES = 2
 WATCH_S = 0.1
-"""How often the path of an absent device is looked at."""
+"""Period at which the path of an absent device is checked."""
 HANG_UP_S = 1.0
 ABSENT = frozenset({errno.ENOENT, errno.ENODEV, errno.ENXIO})
 BITS_PER_BYTE = 10
@@ -39,8 +39,8 @@ BITS_PER_BYTE = 10
 
 
 class _Port:
-    """pyserial sets the port up and locks it; reading and writing its file directly takes what is
-    there at once."""
+    """A port that pyserial configures and locks. Its file is read and written directly, which
+    returns at once."""
 
     def __init__(self, device: str, baud: int) -> None:
         try:
@@ -68,8 +68,8 @@ class _Port:
 
 
 class SerialLink(StreamLink):
-    """A port that may come and go, also under another number: a USB device that was plugged in again
-    is found by its name in /dev/serial/by-id. A port that is not there yet is waited for.
+    """A port that may disappear and return, also under another number: a USB device that was
+    plugged in again is found by its name in /dev/serial/by-id. A missing port is waited for.
 
     With `AUTO_BAUD` the rates of `BAUDS` are tried in turn until whole MAVLink frames arrive.
     """
@@ -115,7 +115,7 @@ class SerialLink(StreamLink):
 
 
 class _BaudSearch:
-    """Which baud rate carries whole frames."""
+    """Search for the baud rate at which whole frames arrive."""
 
     def __init__(self) -> None:
         self._index = 0
@@ -149,13 +149,14 @@ class _BaudSearch:
 
 
 def serial_ports() -> list[str]:
-    """The serial ports of this computer, those with lasting names first."""
+    """The serial ports of this computer, those with permanent names first."""
     lasting = sorted(glob.glob(f"{BY_ID}/*"))
     return lasting + sorted(port.device for port in list_ports.comports())
 
 
 def _lasting_name(device: str) -> str | None:
-    """The name of a device that stays the same when it gets another number, if it has one."""
+    """The permanent name of a device, which does not change with its number; None if it has
+    none."""
     real = os.path.realpath(device)
     names = sorted(glob.glob(f"{BY_ID}/*"))
     return next((name for name in names if os.path.realpath(name) == real), None)
@@ -168,13 +169,22 @@ def _explain(endpoint: Endpoint, error: OSError) -> str:
         if stat.S_ISDIR(mode):
             return f"{endpoint}: {device} is a directory; name a serial port in it"
         if not stat.S_ISCHR(mode):
-            return f"{endpoint}: {device} is a file, not a serial port; to read a log use 'kollsman replay'"
+            return (
+                f"{endpoint}: {device} is a file, not a serial port; to read a log use "
+                "'kollsman replay'"
+            )
     match error.errno:
         case errno.ENOENT | errno.ENODEV | errno.ENXIO:
             ports = ", ".join(serial_ports()) or "none, is the cable plugged in?"
             return f"{endpoint}: there is no {device}; serial ports here: {ports}"
         case errno.EACCES | errno.EPERM:
-            return f"{endpoint}: permission denied; sudo usermod -aG dialout $USER (join group dialout), log in again"
+            return (
+                f"{endpoint}: permission denied; sudo usermod -aG dialout $USER (join group "
+                "dialout), log in again"
+            )
         case errno.EAGAIN | errno.EBUSY:
-            return f"{endpoint}: in use by another program (ModemManager, a console, a ground station?); stop it"
+            return (
+                f"{endpoint}: in use by another program (ModemManager, a console, a ground "
+                "station?); stop it"
+            )
     return f"{endpoint}: cannot be used as a serial port ({error})"

@@ -9,7 +9,7 @@ from companion.links.base import Backoff, BaseLink, HasFileno, log, readable
 
 READ_SIZE = 4096
 REDIAL_S = 1.0
-"""How long a peer that is back waits for us at most, where dialing failed meanwhile."""
+"""Longest time until a peer that is back is connected, after failed attempts."""
 
 
 class ByteStream(Protocol):
@@ -22,8 +22,8 @@ class ByteStream(Protocol):
 
 
 class StreamLink(BaseLink):
-    """A link over one `ByteStream` at a time: dials, reads, notices the end, dials again. A
-    transport brings `_dial`."""
+    """A link over one `ByteStream` at a time: connects, reads, detects the end, connects again. A
+    transport defines `_dial`."""
 
     def __init__(self, url: str, clock: Clock, backoff: Backoff | None = None) -> None:
         super().__init__(url, clock)
@@ -33,7 +33,7 @@ class StreamLink(BaseLink):
 
     @abstractmethod
     def _dial(self, timeout_s: float) -> ByteStream | None:
-        """One connected stream; None when there is none after `timeout_s`; OSError when this
+        """A connected stream; None when there is none after `timeout_s`. Raises OSError when this
         attempt failed."""
 
     def descriptors(self) -> list[HasFileno]:
@@ -93,8 +93,8 @@ class StreamLink(BaseLink):
         return data
 
     def _send(self, data: bytes) -> bool:
-        """All of `data` or none: half a frame would cost the receiver the next one too, so a rest
-        that does not fit into the kernel's buffer now goes out before anything else later."""
+        """Send all of `data` or none of it. Half a frame would also damage the next one, so a
+        remainder that does not fit into the kernel's buffer is sent first at the next call."""
         if self._stream is None:
             return False
         try:

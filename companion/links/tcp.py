@@ -1,4 +1,4 @@
-"""TCP both ways: `TcpClient` calls a server, `TcpServer` serves one client at a time."""
+"""TCP: `TcpClient` connects to a server, `TcpServer` serves one client at a time."""
 
 import os
 import socket
@@ -11,14 +11,14 @@ from companion.links.stream import ByteStream, StreamLink
 from companion.links.urls import Endpoint
 
 CONNECT_TIMEOUT_S = 2.0
-"""A host that does not answer is called again this soon: it may be back."""
+"""Time after which a host that does not answer is tried again."""
 SILENCE_S = 5.0
 """Time of silence after which a client is replaced by the next one (MAVLink sends a heartbeat each
 second)."""
 
 
 def _tuned(connection: socket.socket) -> socket.socket:
-    """Small frames at once; a peer that vanished without a word is an error after some 11 s."""
+    """Send small frames at once; detect a peer that vanished silently after about 11 s."""
     options = {
         "TCP_NODELAY": 1,
         "TCP_KEEPIDLE": 5,
@@ -39,11 +39,11 @@ def _tuned(connection: socket.socket) -> socket.socket:
 
 
 class TcpClient(StreamLink):
-    """Calls until somebody answers, and again when they hang up.
+    """Connects, and connects again when the server closes the connection.
 
-    The name is looked up anew for every call, because a restarted container has a new address; a
-    host with several addresses is called on each in turn. While DNS is out, looking up a name
-    (never a numeric address) can block.
+    The name is resolved for every attempt, because a restarted container has a new address; the
+    addresses of a host are tried in turn. While DNS is unreachable, resolving a name (never a
+    numeric address) can block.
     """
 
     def __init__(self, endpoint: Endpoint, clock: Clock) -> None:
@@ -57,7 +57,8 @@ class TcpClient(StreamLink):
         )  # a host that does not exist: an error now, an outage later
 
     def _dial(self, timeout_s: float) -> ByteStream | None:
-        """A call outlives this method: a short `receive` must not cut off a slow handshake."""
+        """An attempt may outlast this method, so that a short `receive` does not cut off a slow
+        handshake."""
         if self._calling is None:
             self._calling = self._call()
             self._give_up_us = self._clock.now_us() + round(CONNECT_TIMEOUT_S * 1e6)
@@ -98,8 +99,8 @@ class TcpClient(StreamLink):
 
 
 class TcpServer(StreamLink):
-    """Serves one client. Another one waits in the queue until the first hangs up, or replaces it
-    once it is silent."""
+    """Serves one client. The next client waits until the first one disconnects, or replaces it once
+    it is silent."""
 
     def __init__(self, endpoint: Endpoint, clock: Clock) -> None:
         self._listener = listener(endpoint, socket.SOCK_STREAM)

@@ -1,4 +1,4 @@
-"""How well a link carries: frames lost for each sender, jitter, and rubbish by cause."""
+"""Quality of a link: lost frames and jitter of each sender, and rejects by reason."""
 
 import math
 import struct
@@ -11,7 +11,8 @@ from companion.mavlink.framing import V1_HEADER, V2_HEADER
 
 MOST_SENDERS = 64
 LATEST = 128
-"""A sequence number further ahead is a late or repeated frame, or a restart of its sender."""
+"""Largest gap of sequence numbers that counts as loss; beyond it the frame is late or repeated, or
+its sender restarted."""
 JITTER_GAIN = 1 / 16
 """of the running mean of RFC 3550, section 6.4.1"""
 
@@ -22,7 +23,7 @@ class Sender:
 
     frames: int = 0
     lost: int = 0
-    """missing by sequence number"""
+    """frames missing by sequence number"""
     jitter_s: float = 0.0
     """mean deviation of the transit time (RFC 3550); 0 while no message tells the time"""
     _sequence: int | None = None

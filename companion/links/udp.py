@@ -1,5 +1,5 @@
-"""UDP both ways: `UdpIn` waits for peers and answers them, `UdpOut` speaks first. One datagram a
-`receive`."""
+"""UDP: `UdpIn` waits for peers and answers them, `UdpOut` sends first. `receive` returns one
+datagram."""
 
 import contextlib
 import socket
@@ -13,19 +13,19 @@ from companion.links.sockets import Address, listener, resolve
 from companion.links.urls import Endpoint
 
 KNOWN_AFTER = 3
-"""datagrams with MAVLink"""
+"""datagrams with MAVLink after which a peer is known"""
 NEW_PEER_LIFETIME_S = 5.0
 PEER_LIFETIME_S = 60.0
-"""A peer not heard for so long is gone. mavp2p uses the same."""
+"""Time of silence after which a peer is forgotten; that of mavp2p."""
 MAX_PEERS = 16
 DATAGRAM_SIZE = 65535
 RECEIVE_BUFFER_SIZE = 1 << 20
-"""Several seconds of telemetry; the kernel grants what its net.core.rmem_max allows."""
+"""Size that holds several seconds of telemetry; the kernel grants at most its net.core.rmem_max."""
 
 
 @dataclass
 class _Peer:
-    """Somebody who was heard, and how often."""
+    """A sender, and the number of its datagrams."""
 
     heard_us: int = 0
     count: int = 0
@@ -36,11 +36,12 @@ class _Peer:
 
 
 class UdpIn(BaseLink):
-    """Listens. Sends to every peer whose MAVLink was heard (`trust`) in the last 60 s, so that a
-    vehicle that comes back from another port and a ground station beside it both hear us.
+    """Listens, and sends to every peer whose MAVLink was heard (`trust`) in the last 60 s, so that
+    a vehicle that returns on another port and a ground station beside it both receive our messages.
 
-    A source address can be forged to have us flood its owner, so one datagram buys five seconds,
-    three buy a minute. Of more than 16 peers the longest silent is forgotten, new ones first.
+    A forged source address could make us flood its owner: after one datagram a peer is sent to for
+    five seconds, after three for a minute. With more than 16 peers the one that has been silent
+    longest is forgotten, new ones first.
     """
 
     def __init__(self, endpoint: Endpoint, clock: Clock) -> None:
@@ -103,8 +104,9 @@ class UdpIn(BaseLink):
 
 
 class UdpOut(BaseLink):
-    """Calls one host and port. OPEN once it answered; it is LOST when its computer says that nobody
-    listens there (ICMP port unreachable) or after 60 s of silence, and is called all the same."""
+    """Sends to one host and port. It is OPEN once the host has answered, and LOST when the host
+    reports that its port is closed (ICMP port unreachable) or after 60 s of silence. It sends in
+    either state."""
 
     def __init__(self, endpoint: Endpoint, clock: Clock) -> None:
         super().__init__(str(endpoint), clock)
@@ -121,7 +123,8 @@ class UdpOut(BaseLink):
         return [self._socket]
 
     def _connect(self) -> socket.socket:
-        """Once connected, the kernel drops other people's datagrams and reports refusals."""
+        """Connect the socket, so that the kernel drops datagrams of other senders and reports
+        refusals."""
         connected = socket.socket(self._family, socket.SOCK_DGRAM)
         connected.setblocking(False)
         connected.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_SIZE)
@@ -173,8 +176,8 @@ class UdpOut(BaseLink):
         return True
 
     def _renew(self) -> None:
-        """A connected socket keeps the source address of an interface that may be gone (Wi-Fi
-        roamed): start anew."""
+        """Open a new socket: a connected one keeps the source address of an interface that may be
+        gone (Wi-Fi roamed)."""
         if self._renewal.wait_s() <= 0.0:
             self._renewal.failed()
             with contextlib.suppress(OSError):  # out of file descriptors: keep the old one
@@ -186,15 +189,14 @@ class UdpOut(BaseLink):
 
 
 def _refuse_broadcast(endpoint: Endpoint, family: socket.AddressFamily, address: Address) -> None:
-    """A broadcast address needs a permission that a socket has only when it asks: then everybody on
-    the network would take our frames for theirs."""
+    """Refuse a broadcast address: every program on the network would receive our frames."""
     with socket.socket(family, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect(address)
         except PermissionError:
             raise LinkError(
-                f"{endpoint}: is a broadcast address; name the vehicle's own address, or listen with "
-                f"udpin:0.0.0.0:{endpoint.number}"
+                f"{endpoint}: is a broadcast address; name the vehicle's own address, or listen "
+                f"with udpin:0.0.0.0:{endpoint.number}"
             ) from None
         except OSError:
             return  # no route yet

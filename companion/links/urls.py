@@ -1,8 +1,8 @@
 """Link URLs in the spellings of pymavlink, MAVSDK, mavros, mavp2p and mavlink-server, and their one
 canonical form.
 
-The parsers raise ValueError with the reason; `companion.links.parse_url` adds the URL and what was
-expected.
+The parsers raise ValueError with the reason; `companion.links.parse_url` adds the URL and the
+expected form.
 """
 
 import ipaddress
@@ -25,7 +25,7 @@ _BARE_DEVICE = re.compile(r"/.*|COM[0-9]+(?:[,:?].*)?", re.IGNORECASE)
 
 
 class Endpoint(NamedTuple):
-    """What a link URL says; `str` is its canonical spelling."""
+    """A parsed link URL; its ``str`` is the canonical spelling."""
 
     scheme: str
     address: str
@@ -152,12 +152,12 @@ def _number(text: str, what: str, low: int, high: int) -> int:
 
 
 def _usual_baud(device: str) -> int:
-    """115200 where USB goes all the way to the autopilot (it ignores the number), else what
-    telemetry ports use."""
+    """115200 where the autopilot itself is on USB, which ignores the number; else the usual rate of
+    telemetry ports."""
     return USB_BAUD if is_usb(device) else UART_BAUD
 
 
 def is_usb(device: str) -> bool:
-    """Whether USB goes all the way to the autopilot: then the baud rate means nothing."""
+    """Whether the autopilot itself is on USB, where the baud rate has no effect."""
     by_id = "/by-id/usb-" in device and "-port" not in device  # FTDI and friends end in -port0
     return by_id or "ttyACM" in device or "usbmodem" in device

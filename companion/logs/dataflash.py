@@ -40,8 +40,8 @@ class BinReader(TableReader):
         columns, junk = read_bin(data)
         if junk > (1.0 - FEWEST_USED) * data.size or not columns:
             raise LogFormatError(
-                f"{path}: not a dataflash log (.bin), or badly damaged: {junk} of {data.size} bytes "
-                "belong to no message"
+                f"{path}: not a dataflash log (.bin), or badly damaged: {junk} of {data.size} "
+                "bytes belong to no message"
             )
         super().__init__(
             tables_of(columns), data.size, Counter({FrameReject.JUNK: junk} if junk else {})

@@ -257,9 +257,9 @@ class TlogReader:
 def stamps_of(head: bytes) -> tuple[Literal["big", "little"], int]:
     """Byte order and unit (in microseconds) of the times in the first bytes of a file.
 
-    Some programs write little-endian times, some milliseconds. Big-endian microseconds are the rule:
-    another order is taken when its times are of this century and those of the rule are not, and
-    milliseconds when the vehicle's own clock runs a thousand times as fast as the stamps.
+    Some programs write little-endian times, some milliseconds. Big-endian microseconds are the
+    rule: another order is taken when its times are of this century and those of the rule are not,
+    and milliseconds when the vehicle's own clock runs a thousand times as fast as the stamps.
     """
     decoder, at, boot_us = Decoder(), 0, 0
     big, little, boots = [], [], []

@@ -3,19 +3,20 @@
 
 Resynchronisation
 -----------------
-Losing real frames and inventing frames are the two ways to be wrong after a damaged byte. What decides here:
+Losing real frames and inventing frames are the two ways to be wrong after a damaged byte. What
+decides here:
 
 - A frame whose checksum is right is a frame.
 - A frame of another dialect (see `framing`) with a start byte or nothing behind it is skipped by
   its length, so that its payload cannot be mistaken for frames.
 - Everything else that looks like a start is not one. The search goes on one byte later, so that a
-  stray 0xFD swallows none of the good frames behind it. If none turns up before its claimed end it
-  was a damaged frame and counts as one; otherwise its bytes were junk.
+  stray 0xFD swallows none of the good frames behind it. If none turns up before the end that its
+  header gives it was a damaged frame and counts as one; otherwise its bytes were junk.
 
 The frames found do not depend on how the stream was cut into chunks. The price: a stray start byte
-holds back the frames behind it until its claimed length (280 bytes at most) has arrived. On a live
-link, `Decoder.flush` when the line has been silent for longer than a frame lasts, or use
-``Decoder(datagrams=True)`` where a packet holds whole frames.
+holds back the frames behind it until the length that its header gives (280 bytes at most) has
+arrived. On a live link, `Decoder.flush` when the line has been silent for longer than a frame
+lasts, or use ``Decoder(datagrams=True)`` where a packet holds whole frames.
 """
 
 from collections import Counter
@@ -40,6 +41,7 @@ from companion.mavlink.framing import (
     next_start,
     scan,
 )
+from companion.mavlink.signing import Signing
 
 __all__ = [
     "MAX_FRAME_SIZE",
@@ -70,7 +72,7 @@ class Decoder:
         self.frames = 0
         self._datagrams = datagrams
         self._rest = b""
-        # The failed start whose claimed extent is being searched: why it failed, its length, and
+        # The failed start whose extent is being searched: why it failed, its length by header, and
         # what is left of that.
         self._suspect: FrameReject | None = None
         self._suspect_size = 0
@@ -82,7 +84,8 @@ class Decoder:
         return self._cut(self._rest + data, final=self._datagrams)
 
     def flush(self) -> list[Frame]:
-        """Give up waiting for the rest of what was kept, and return the frames that this sets free."""
+        """Give up waiting for the rest of what was kept, and return the frames that this sets
+        free."""
         return self._cut(self._rest, final=True)
 
     def decode(self, frame: Frame) -> Message | None:
@@ -209,17 +212,24 @@ def _field(value: Any) -> Any:
 
 
 class Encoder:
-    """Messages -> frames of one sender, with its sequence numbers. Frames are not signed."""
+    """Messages -> frames of one sender, with its sequence numbers, signed if `signing` is given."""
 
-    def __init__(self, system_id: int, component_id: int) -> None:
+    def __init__(self, system_id: int, component_id: int, signing: Signing | None = None) -> None:
         self._mav = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=component_id)
+        self._signing = signing
+        if signing is not None:
+            own = self._mav.signing
+            own.secret_key, own.link_id, own.sign_outgoing = signing.key, signing.link_id, True
 
     def encode(self, message: Message, version: int = 2) -> bytes:
         """The frame in MAVLink `version` 1 or 2; ``b""`` if MAVLink 1 cannot carry the message (ids
         above 255).
 
-        Raises struct.error for a value that its field cannot hold: a bug of the caller, not data.
+        A signed frame is MAVLink 2. Raises struct.error for a value that its field cannot hold: a
+        bug of the caller, not data.
         """
+        if self._signing is not None:
+            version, self._mav.signing.timestamp = 2, self._signing.next_stamp()
         if version == 1 and message.id > 0xFF:
             return b""
         data: bytes = message.pack(self._mav, force_mavlink1=version == 1)

@@ -57,8 +57,8 @@ def scaled_pressure(message: Message, instance: int) -> Readings:
 
 
 def airspeed_mps(dynamic_pa: float) -> float:
-    """Calibrated airspeed of a dynamic pressure (impact pressure of compressible flow at sea level);
-    0 below 0, NaN beyond the speed of sound, where there is a shock."""
+    """Calibrated airspeed of a dynamic pressure (impact pressure of compressible flow at sea
+    level); 0 below 0, NaN beyond the speed of sound, where there is a shock."""
     ratio = max(0.0, dynamic_pa) / 101_325.0
     return (
         340.294 * math.sqrt(5.0 * ((ratio + 1.0) ** (2.0 / 7.0) - 1.0))

@@ -44,11 +44,12 @@ CRC_EXTRA: dict[int, int] = {number: kind.crc_extra for number, kind in mavlink.
 V1_LENGTHS: dict[int, range] = {
     number: _v1_lengths(kind) for number, kind in mavlink.mavlink_map.items()
 }
-"""Payload lengths by message id. They must fit, or MAVLink 1 finds a frame in every 2 MB of noise."""
+"""Payload lengths by message id. They must fit, or MAVLink 1 finds a frame in every 2 MB of
+noise."""
 
 
 class Frame(NamedTuple):
-    """One whole frame with a correct checksum. Signatures are not verified."""
+    """One whole frame with a correct checksum. Its signature is verified by `signing`."""
 
     data: bytes
     """from the start byte to the end of the checksum, or of the signature"""
@@ -82,6 +83,12 @@ class FrameReject(StrEnum):
     """a good frame with a payload that pymavlink refuses"""
     TIMESTAMP = "bad time stamp"
     """a good frame of a log, with a time that cannot be"""
+    UNSIGNED = "unsigned"
+    """a good frame without a signature, where signatures are required"""
+    SIGNATURE = "bad signature"
+    """a good frame, signed with another key"""
+    REPEATED = "repeated signature"
+    """signed with our key, but not newer than what came before"""
 
 
 FOREIGN = frozenset({FrameReject.DIALECT, FrameReject.UNKNOWN_ID})
@@ -89,8 +96,8 @@ FOREIGN = frozenset({FrameReject.DIALECT, FrameReject.UNKNOWN_ID})
 
 
 def extent(buffer: bytes, offset: int) -> int:
-    """The length in bytes which the start byte at `offset` claims for its frame (all there is, if
-    unknowable)."""
+    """The length in bytes of the frame whose start byte is at `offset`, by its header (the
+    rest of the data, where the header does not tell)."""
     available = len(buffer) - offset
     if available >= 3 and buffer[offset] == V2:
         signature = SIGNATURE if buffer[offset + 2] & _SIGNED else 0

@@ -7,7 +7,7 @@ name. The first one heard is followed at once. Two of them within three seconds,
 has sent sensor data, are refused with a line that names both. From then on one vehicle is followed
 for the life of the process; a single stray heartbeat before it does not count.
 
-Frames with the vehicle's ids are believed from the network address that it speaks from, until that
+Frames with the vehicle's ids are accepted from the network address that it sends from, until that
 one has been silent for three seconds. Once the vehicle has sent signed frames, unsigned ones are
 forged.
 """
@@ -32,7 +32,7 @@ CONFIRM_US = 500_000
 GONE_US = 10_000_000
 SOURCE_US = 3_000_000
 CHANGES = 3
-"""heartbeats in a row that name another autopilot before it is believed"""
+"""heartbeats in a row that name another autopilot before it is accepted"""
 MOST_REMEMBERED = 64
 MOST_NOTES = 20
 
@@ -118,6 +118,11 @@ class Identity:
         self._source_us = 0
 
     @property
+    def is_signed(self) -> bool:
+        """Whether the vehicle has signed a frame."""
+        return self._signed_us is not None
+
+    @property
     def own(self) -> tuple[int, int]:
         """Our system and component id: the vehicle's system unless configured; 1 before one is
         known."""
@@ -191,8 +196,8 @@ class Identity:
         self._autopilots[earlier.vehicle] = _Autopilot(arrival_us)
 
     def note(self, heartbeat: Message) -> None:
-        """Remember what the vehicle's HEARTBEAT says it is: another autopilot must be named by three
-        in a row."""
+        """Remember what the vehicle's HEARTBEAT says it is: another autopilot must be named by
+        three in a row."""
         if heartbeat.autopilot != self.autopilot:
             self._changes += 1
             if self._changes < CHANGES:
@@ -205,7 +210,8 @@ class Identity:
         self._firm = self._firm or kind in (Kind.PRESSURE, Kind.GNSS)
 
     def others(self, since_us: int) -> list[str]:
-        """The autopilots and ground stations besides the vehicle that were heard after `since_us`."""
+        """The autopilots and ground stations besides the vehicle that were heard after
+        `since_us`."""
         pilots = {ids: heard.last_us for ids, heard in self._autopilots.items()}
         return [
             f"{'autopilot ' if ids in pilots else ''}{ids[0]}/{ids[1]}"
@@ -274,8 +280,8 @@ class Identity:
             if not rival.told and rival.confirmed:
                 rival.told = True
                 self.tell(
-                    f"another autopilot {_ids(speaker)} ({autopilot_name(message.autopilot)}) is heard "
-                    f"beside {_ids(self.vehicle)}: not used; vehicle.system_id chooses"
+                    f"another autopilot {_ids(speaker)} ({autopilot_name(message.autopilot)}) is "
+                    f"heard beside {_ids(self.vehicle)}: not used; vehicle.system_id chooses"
                 )
             return
         if not rival.confirmed:

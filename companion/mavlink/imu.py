@@ -1,4 +1,4 @@
-"""Which of the vehicle's IMU messages to believe, and in which unit.
+"""Which of the vehicle's IMU messages is used, and in which unit.
 
 The same primary IMU may be sent as HIGHRES_IMU, SCALED_IMU and RAW_IMU. The first of these that was
 accepted within two seconds is used. RAW_IMU is in mG from ArduPilot (whatever the XML says), in

@@ -5,20 +5,20 @@ ignores GLOBAL_POSITION_INT, so that its display freezes when ALTITUDE stops. So
 may not be sent, at the start and in LOST, the vehicle's own height is sent on in ALTITUDE
 (`Outputs.own_height`), equal to GLOBAL_POSITION_INT to the millimetre. The fields:
 
-====================  ==========================================================================================
-altitude_monotonic    standard-atmosphere height above the first accepted pressure; joined without a step across a
-                      reboot or a change of barometer; NaN while there is no barometer
+====================  ==============================================================================
+altitude_monotonic    standard-atmosphere height above the first accepted pressure; joined without a
+                      step across a reboot or a change of barometer; NaN without a barometer
 altitude_amsl         the fused altitude, or the vehicle's own
 altitude_local        altitude_amsl minus its value in the first ALTITUDE since boot
-altitude_relative     the estimator's height above take-off; where it has none the vehicle's own relative height,
-                      else altitude_amsl above HOME_POSITION, else above where it was armed, else NaN
+altitude_relative     the estimator's height above take-off; where it has none the vehicle's own
+                      relative height, else altitude_amsl above HOME_POSITION, else above where
+                      it was armed, else NaN
 altitude_terrain,     from a fresh downward range finder, corrected for tilt, else NaN
 bottom_clearance
 time_usec             vehicle boot time of the estimate, or of the vehicle's own height
-====================  ==========================================================================================
+====================  ==============================================================================
 
-An altitude that leaps further than a vehicle can is withheld until it comes back or has stayed
-there for two seconds.
+`continuity` keeps steps and leaps out of these heights.
 """
 
 import math
@@ -29,16 +29,15 @@ from pydantic import Field
 
 from companion.config import Settings
 from companion.health import Health
-from companion.kernels.atmosphere import baro_altitude_m, qnh_pa
+from companion.kernels.atmosphere import qnh_pa
 from companion.mavlink.codec import Message, mavlink
+from companion.mavlink.continuity import Leap, Monotonic
 from companion.mavlink.convert import OwnHeights, own_heights
 from companion.mavlink.debug import debug_messages
 from companion.samples import Kind, Rows, Verdict
 
 FRESH_US = 1_000_000
 VEHICLE_ALTITUDE_US = 5_000_000
-LEAP_US = 2_000_000
-TAKEOVER_S = 2.0
 OWN_HEIGHT_US = 2_000_000
 OURS_MISSING_US = 1_000_000
 VEHICLE_ALTITUDES = 3
@@ -104,77 +103,6 @@ class Schedule:
         return True
 
 
-class Monotonic:
-    """Height of the standard atmosphere above the first accepted pressure, without steps."""
-
-    def __init__(self) -> None:
-        self.altitude_m = math.nan
-        self._offset_m = 0.0
-        self._source: tuple[int, int] | None = None
-        self._time_us = 0
-
-    def update(self, boots: int, instance: int, time_us: int, pressure_pa: float) -> bool:
-        """Take an accepted pressure, unless it is of another barometer while the one followed is
-        alive.
-
-        A reboot, a barometer that takes over from one that fell silent, and a jump of one that
-        recovered from a fault are joined to where the altitude was.
-        """
-        source, elapsed_s = (boots, instance), (time_us - self._time_us) * 1e-6
-        is_other = (
-            self._source is not None and self._source[0] == boots and self._source[1] != instance
-        )
-        if is_other and elapsed_s <= TAKEOVER_S:
-            return False
-        baro_m = baro_altitude_m(pressure_pa)
-        if math.isnan(self.altitude_m):
-            self._offset_m = -baro_m
-        elif source != self._source or abs(baro_m + self._offset_m - self.altitude_m) > _reach_m(
-            elapsed_s, TAKEOVER_S
-        ):
-            self._offset_m = self.altitude_m - baro_m
-        self.altitude_m = baro_m + self._offset_m
-        self._source, self._time_us = source, time_us
-        return True
-
-    def at(self, now_us: int) -> float:
-        """The value now: NaN when the last pressure is older than two seconds."""
-        return self.altitude_m if abs(now_us - self._time_us) <= 2 * FRESH_US else math.nan
-
-
-def _reach_m(elapsed_s: float, longest_s: float) -> float:
-    """How far a height may go between two samples; beyond, it was wrong before or is now."""
-    return 60.0 + 50.0 * min(max(0.0, elapsed_s), longest_s)
-
-
-class Leap:
-    """Tells an altitude that no vehicle can have reached since the last one."""
-
-    def __init__(self) -> None:
-        self._last: tuple[int, float] | None = None
-        self._new: tuple[int, float] | None = None
-        self._since_us = 0
-
-    def withholds(self, time_us: int, altitude_m: float) -> bool:
-        """Whether the altitude must wait. A clock that went back starts anew."""
-        last = self._last
-        if last is None or time_us < last[0] or self._reaches(last, time_us, altitude_m):
-            self._last, self._new = (time_us, altitude_m), None
-            return False
-        new = self._new
-        if new is None or not self._reaches(new, time_us, altitude_m):
-            self._since_us = time_us
-        self._new = (time_us, altitude_m)
-        if time_us - self._since_us < LEAP_US:
-            return True
-        self._last, self._new = self._new, None
-        return False
-
-    @staticmethod
-    def _reaches(start: tuple[int, float], time_us: int, altitude_m: float) -> bool:
-        return abs(altitude_m - start[1]) <= _reach_m((time_us - start[0]) * 1e-6, 10.0)
-
-
 class Outputs:
     """Follows what was taken in, and makes the messages."""
 
@@ -206,6 +134,11 @@ class Outputs:
         self._ours_us: int | None = None
         self._pressure_pa = math.nan
 
+    @property
+    def own(self) -> OwnHeights | None:
+        """The vehicle's own heights that were heard last; None before the first."""
+        return self._own
+
     def vehicle_altitude(self, now_us: int) -> None:
         """The vehicle sent ALTITUDE itself; one alone may be forged."""
         recent = [us for us in self._vehicle_altitudes_us if abs(now_us - us) < VEHICLE_ALTITUDE_US]
@@ -223,7 +156,8 @@ class Outputs:
         return self._of_vehicle(own, now_us)
 
     def last_height(self, now_us: int) -> Message | None:
-        """ALTITUDE with the vehicle's own heights, for the end of a run; None when these are old."""
+        """ALTITUDE with the vehicle's own heights, for the end of a run; None when these are
+        old."""
         own = self._own
         if own is None or abs(now_us - own.time_us) > OWN_HEIGHT_US or not self._may_send(now_us):
             return None
@@ -333,7 +267,8 @@ class Outputs:
 
 
 def heartbeat(health: Health) -> Message:
-    """Our own HEARTBEAT: an onboard controller, no autopilot; CRITICAL while the altitude is lost."""
+    """Our own HEARTBEAT: an onboard controller, no autopilot; CRITICAL while the altitude is
+    lost."""
     return mavlink.MAVLink_heartbeat_message(
         mavlink.MAV_TYPE_ONBOARD_CONTROLLER,
         mavlink.MAV_AUTOPILOT_INVALID,

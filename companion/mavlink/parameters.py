@@ -12,7 +12,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from companion.config import allowed_of, unit_of
+from companion.config.fields import allowed_of, meaning_of, unit_of
 from companion.mavlink.codec import Message, mavlink
 
 LONGEST_NAME = 16
@@ -125,5 +125,4 @@ def _described(name: str, key: str, model: type[BaseModel]) -> Parameter:
     for section in sections:
         owner = owner.model_fields[section].annotation
     field = owner.model_fields[last]
-    text = " ".join((field.description or "").split())
-    return Parameter(name, key, text, allowed_of(field), unit_of(last))
+    return Parameter(name, key, meaning_of(field), allowed_of(field), unit_of(last))

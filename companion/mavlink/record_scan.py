@@ -1,9 +1,9 @@
 """Compiled scan of a telemetry log's records, and compiled copying of their payloads.
 
-A record is a 64-bit time, big-endian by rule, and one MAVLink frame. `scan_records` follows records that are
-whole, known and undamaged, and stops at the first that is not: what to do there is decided by
-`companion.logs.tlog`, in Python, once for every damaged place. The rules for a frame are those of
-`companion.mavlink.framing.scan`; a test holds the two equal.
+A record is a 64-bit time, big-endian by rule, and one MAVLink frame. `scan_records` follows records
+that are whole, known and undamaged, and stops at the first that is not: what to do there is decided
+by `companion.logs.tlog`, in Python, once for every damaged place. The rules for a frame are those
+of `companion.mavlink.framing.scan`; a test holds the two equal.
 """
 
 import numpy as np
@@ -65,64 +65,75 @@ def scan_records(
     count : of rows of `index` in use.
     offset : of the first record that is not good, or not complete, or begins at or after `limit`.
     """
-    size = data.shape[0]
     while offset < limit and count < index.shape[0]:
-        at = offset + STAMP
-        if at + 3 > size:
-            break
-        start = int(data[at])
-        if start == V2:
-            header, flags = V2_HEADER, int(data[at + 2])
-        elif start == V1:
-            header, flags = V1_HEADER, 0
-        else:
-            break
-        if flags > SIGNED:
-            break
-        length = int(data[at + 1])
-        body = at + header + length
-        stop = body + CHECKSUM + (SIGNATURE if flags else 0)
-        if stop > size:
+        stop = _read_frame(data, offset + STAMP, crc_table, extras, v1_lengths, index, count)
+        if stop < 0:
             break
         time_us = 0
         for i in range(STAMP):
-            time_us = time_us << 8 | int(data[at - 1 - i if little else offset + i])
+            time_us = time_us << 8 | int(data[offset + (STAMP - 1 - i if little else i)])
         if time_us < 0 or time_us > last_time_us:
             break
-        if start == V2:
-            message_id = int(data[at + 7]) | int(data[at + 8]) << 8 | int(data[at + 9]) << 16
-        else:
-            message_id = int(data[at + 5])
-        if message_id >= extras.shape[0] or extras[message_id] < 0:
-            break
-        if start == V1 and not v1_lengths[message_id, 0] <= length <= v1_lengths[message_id, 1]:
-            break
-        crc = 0xFFFF
-        for i in range(at + 1, body):
-            crc = crc_table[(crc ^ int(data[i])) & 0xFF] ^ crc >> 8
-        crc = crc_table[(crc ^ extras[message_id]) & 0xFF] ^ crc >> 8
-        if crc != int(data[body]) | int(data[body + 1]) << 8:
-            break
         index[count].time_us = time_us
-        index[count].start = at
-        index[count].stop = stop
-        index[count].payload = at + header
-        index[count].length = length
-        index[count].message_id = message_id
-        first = at + (4 if start == V2 else 2)
-        index[count].sequence = int(data[first])
-        index[count].system_id = int(data[first + 1])
-        index[count].component_id = int(data[first + 2])
-        index[count].version = 2 if start == V2 else 1
-        index[count].signed = flags
         count += 1
         offset = stop
     return count, offset
 
 
 @step
+def _read_frame(
+    data: Rows, at: int, crc_table: Rows, extras: Rows, v1_lengths: Rows, index: Rows, count: int
+) -> int:
+    """Write the frame that begins at `at` to row `count`; where it ends, -1 when it is not good or
+    not complete."""
+    size = data.shape[0]
+    if at + 3 > size:
+        return -1
+    is_v2 = data[at] == V2
+    if not is_v2 and data[at] != V1:
+        return -1
+    header = V2_HEADER if is_v2 else V1_HEADER
+    flags = int(data[at + 2]) if is_v2 else 0
+    length = int(data[at + 1])
+    body = at + header + length
+    stop = body + CHECKSUM + (SIGNATURE if flags else 0)
+    if flags > SIGNED or stop > size:
+        return -1
+    message_id = int(data[at + header - 1])
+    if is_v2:
+        message_id = int(data[at + 7]) | int(data[at + 8]) << 8 | int(data[at + 9]) << 16
+    if message_id >= extras.shape[0] or extras[message_id] < 0:
+        return -1
+    if not is_v2 and not v1_lengths[message_id, 0] <= length <= v1_lengths[message_id, 1]:
+        return -1
+    crc = _checksum(data, at + 1, body, extras[message_id], crc_table)
+    if crc != int(data[body]) | int(data[body + 1]) << 8:
+        return -1
+    first = at + (4 if is_v2 else 2)
+    row = index[count]
+    row.start, row.stop = at, stop
+    row.payload, row.length = at + header, length
+    row.message_id = message_id
+    row.sequence = int(data[first])
+    row.system_id = int(data[first + 1])
+    row.component_id = int(data[first + 2])
+    row.version, row.signed = 2 if is_v2 else 1, flags
+    return stop
+
+
+@step
+def _checksum(data: Rows, first: int, stop: int, extra: int, crc_table: Rows) -> int:
+    """CRC-16/MCRF4XX of ``data[first:stop]`` and CRC_EXTRA."""
+    crc = 0xFFFF
+    for i in range(first, stop):
+        crc = crc_table[(crc ^ int(data[i])) & 0xFF] ^ crc >> 8
+    return int(crc_table[(crc ^ extra) & 0xFF] ^ crc >> 8)
+
+
+@step
 def gather(data: Rows, starts: Rows, lengths: Rows, table: Rows) -> None:
-    """Copy pieces of `data` (uint8, shape (n,)) into the rows of `table` (uint8, shape (rows, width)).
+    """Copy pieces of `data` (uint8, shape (n,)) into the rows of `table` (uint8, shape (rows,
+    width)).
 
     Row i gets ``data[starts[i]:starts[i] + lengths[i]]``: cut at the width, zeros behind it.
     """

@@ -6,7 +6,7 @@ and watching what arrives is the work of `companion.mavlink.supervisor`.
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from pydantic import Field
 
@@ -23,17 +23,18 @@ RATES_HZ = (50.0, 40.0, 25.0, 20.0, 10.0, 5.0, 2.0, 1.0)
 
 
 class StreamSettings(Settings):
-    """Section ``streams``: message rates requested from the vehicle; a rate of 0 requests nothing."""
+    """Section ``streams``: message rates requested from the vehicle; a rate of 0 requests
+    nothing."""
 
     request: bool = True
-    """request messages with SET_MESSAGE_INTERVAL, watch the rates that arrive, request again when
-    they fall short; nothing is saved in the vehicle"""
+    """whether message rates are requested with SET_MESSAGE_INTERVAL, measured, and requested again
+    when they fall short; nothing is saved in the vehicle"""
     data_stream: Literal["auto", "always", "never"] = "auto"
-    """REQUEST_DATA_STREAM where SET_MESSAGE_INTERVAL is refused or ignored; auto: not on ArduPlane,
-    which saves these rates to its parameters"""
+    """when REQUEST_DATA_STREAM is sent, where SET_MESSAGE_INTERVAL is refused or ignored; auto: not
+    to ArduPlane, which saves these rates to its parameters"""
     link_bytes_per_s: float | None = Field(None, gt=0)
-    """bytes per second that the link carries, for example 3000 over a telemetry radio; default: by
-    the baud rate of a serial port, unlimited elsewhere"""
+    """capacity of the link, for example 3000 over a telemetry radio; default: by the baud rate of a
+    serial port, unlimited elsewhere"""
     pressure_hz: float = Field(20.0, ge=0, le=200)
     """rate of SCALED_PRESSURE"""
     gnss_hz: float = Field(5.0, ge=0, le=50)
@@ -43,7 +44,8 @@ class StreamSettings(Settings):
     attitude_hz: float = Field(10.0, ge=0, le=200)
     """rate of ATTITUDE"""
     position_hz: float = Field(5.0, ge=0, le=50)
-    """rate of GLOBAL_POSITION_INT, the vehicle's own height, sent on in ALTITUDE while ours is LOST"""
+    """rate of GLOBAL_POSITION_INT, the vehicle's own height, sent on in ALTITUDE while ours is
+    LOST"""
     range_hz: float = Field(10.0, ge=0, le=50)
     """rate of DISTANCE_SENSOR"""
     spare_hz: float = Field(10.0, ge=0, le=50)
@@ -77,6 +79,37 @@ class Stream:
         return (size + FRAME_OVERHEAD_BYTES) * self.rate_hz
 
 
+class _Row(NamedTuple):
+    """One line of `_TABLE`: the message is wanted when the estimator uses `kind`, or always."""
+
+    message: str
+    kind: Kind | None
+    rate_key: str
+    group: str = ""
+    floor_hz: float = 1.0
+    label: str = ""
+
+
+_TABLE = (
+    _Row("SCALED_PRESSURE", Kind.PRESSURE, "pressure_hz", "RAW_SENSORS", 5.0, "barometer"),
+    _Row("GPS_RAW_INT", Kind.GNSS, "gnss_hz", "EXTENDED_STATUS", 1.0, "GNSS"),
+    _Row("RAW_IMU", Kind.IMU, "imu_hz", "RAW_SENSORS", 10.0, "IMU"),
+    _Row("ATTITUDE", Kind.ATTITUDE, "attitude_hz", "EXTRA1", 2.0),
+    _Row("SYSTEM_TIME", None, "status_hz", "EXTRA3"),
+    _Row("HOME_POSITION", None, "status_hz"),
+    _Row("EXTENDED_SYS_STATE", None, "status_hz"),
+    _Row("GLOBAL_POSITION_INT", None, "position_hz", "POSITION", 2.0),
+    _Row("DISTANCE_SENSOR", None, "range_hz", "EXTRA3", 2.0),
+    _Row("SCALED_PRESSURE2", Kind.PRESSURE, "spare_hz", "RAW_SENSORS", 2.0),
+    _Row("SCALED_PRESSURE3", Kind.PRESSURE, "spare_hz", "RAW_SENSORS", 2.0),
+    _Row("GPS2_RAW", Kind.GNSS, "gnss_hz", "EXTENDED_STATUS", 2.0),
+    _Row("VFR_HUD", Kind.AIRSPEED, "air_hz", "EXTRA2"),
+    _Row("WIND", Kind.AIRSPEED, "air_hz", "EXTRA3"),
+    _Row("HYGROMETER_SENSOR", Kind.AIR, "air_hz", "EXTRA3"),
+)
+_PX4_IMU = "HIGHRES_IMU"
+
+
 def wanted(
     settings: StreamSettings,
     uses: Collection[Kind],
@@ -87,62 +120,17 @@ def wanted(
     """The messages of the sample kinds that the estimator uses, what places and labels them, and
     the vehicle's own height where it is sent on."""
     is_px4 = autopilot == mavlink.MAV_AUTOPILOT_PX4
-    imu_id = mavlink.MAVLINK_MSG_ID_HIGHRES_IMU if is_px4 else mavlink.MAVLINK_MSG_ID_RAW_IMU
-    raw, status, position = (
-        mavlink.MAV_DATA_STREAM_RAW_SENSORS,
-        mavlink.MAV_DATA_STREAM_EXTENDED_STATUS,
-        mavlink.MAV_DATA_STREAM_POSITION,
-    )
-    attitude, hud, rest = (
-        mavlink.MAV_DATA_STREAM_EXTRA1,
-        mavlink.MAV_DATA_STREAM_EXTRA2,
-        mavlink.MAV_DATA_STREAM_EXTRA3,
-    )
-    height_hz = settings.position_hz if vehicle_height else 0.0
-    spare_hz, air_hz, status_hz = settings.spare_hz, settings.air_hz, settings.status_hz
-    table: list[tuple[Kind | None, Stream]] = [
-        (
-            Kind.PRESSURE,
-            Stream(
-                mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE, settings.pressure_hz, "barometer", 5.0, raw
-            ),
-        ),
-        (
-            Kind.GNSS,
-            Stream(mavlink.MAVLINK_MSG_ID_GPS_RAW_INT, settings.gnss_hz, "GNSS", 1.0, status),
-        ),
-        (Kind.IMU, Stream(imu_id, settings.imu_hz, "IMU", 10.0, raw)),
-        (
-            Kind.ATTITUDE,
-            Stream(mavlink.MAVLINK_MSG_ID_ATTITUDE, settings.attitude_hz, "", 2.0, attitude),
-        ),
-        (None, Stream(mavlink.MAVLINK_MSG_ID_SYSTEM_TIME, status_hz, "", 1.0, rest)),
-        (None, Stream(mavlink.MAVLINK_MSG_ID_HOME_POSITION, status_hz)),
-        (None, Stream(mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, status_hz)),
-        (
-            None,
-            Stream(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, height_hz, "", 2.0, position),
-        ),
-        (
-            None,
-            Stream(mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR, settings.range_hz, "", 2.0, rest),
-        ),
-        (
-            Kind.PRESSURE,
-            Stream(mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2, spare_hz, "", 2.0, raw),
-        ),
-        (
-            Kind.PRESSURE,
-            Stream(mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE3, spare_hz, "", 2.0, raw),
-        ),
-        (Kind.GNSS, Stream(mavlink.MAVLINK_MSG_ID_GPS2_RAW, settings.gnss_hz, "", 2.0, status)),
-        (Kind.AIRSPEED, Stream(mavlink.MAVLINK_MSG_ID_VFR_HUD, air_hz, "", 1.0, hud)),
-        (Kind.AIRSPEED, Stream(mavlink.MAVLINK_MSG_ID_WIND, air_hz, "", 1.0, rest)),
-        (Kind.AIR, Stream(mavlink.MAVLINK_MSG_ID_HYGROMETER_SENSOR, air_hz, "", 1.0, rest)),
-    ]
-    return [
-        stream for kind, stream in table if (kind is None or kind in uses) and stream.rate_hz > 0
-    ]
+    found: list[Stream] = []
+    for row in _TABLE:
+        rate_hz = getattr(settings, row.rate_key)
+        if row.message == "GLOBAL_POSITION_INT" and not vehicle_height:
+            rate_hz = 0.0
+        if rate_hz > 0.0 and (row.kind is None or row.kind in uses):
+            message = _PX4_IMU if row.kind is Kind.IMU and is_px4 else row.message
+            message_id = getattr(mavlink, f"MAVLINK_MSG_ID_{message}")
+            group = getattr(mavlink, f"MAV_DATA_STREAM_{row.group}") if row.group else -1
+            found.append(Stream(message_id, rate_hz, row.label, row.floor_hz, group))
+    return found
 
 
 def planned(streams: Sequence[Stream], link_bytes_per_s: float | None) -> list[Stream]:

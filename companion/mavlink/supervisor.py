@@ -6,8 +6,8 @@ simulation at twenty times real time counts the same. What happens next:
 
 =============================  =====================================================================
 a rate falls short             requested again at once
-it stays short three times     accepted and reported; requested again after 10 s, after a minute where
-                               something arrives, then ever less often
+it stays short three times     accepted and reported; requested again after 10 s, after a minute
+                               where something arrives, then ever less often
 DENIED                         requested at 40, 25, 10 Hz (a 50 Hz ArduPlane grants at most 40 Hz)
 unsupported or no answer       REQUEST_DATA_STREAM, where the vehicle does not save it
 lowered again and again        reported with the ids of who does it; we pause for 30 s, then longer
@@ -20,9 +20,9 @@ Time is the host's unless a name says vehicle. Nothing is written to the vehicle
 
 import logging
 from collections.abc import Mapping, Sequence
-from enum import Enum
 
 from companion.mavlink.codec import Message, mavlink
+from companion.mavlink.stream_watch import FRUITLESS, RETRY_US, Asked, Watch
 from companion.mavlink.streams import Stream
 
 logger = logging.getLogger("kollsman.streams")
@@ -35,12 +35,8 @@ DENIED_HZ = (40.0, 25.0, 10.0)
 """what is requested after a DENIED"""
 ACK_TIMEOUT_US = 1_000_000
 ATTEMPTS = 3
-FRUITLESS = 3
-"""so many requests without effect, and the rate that arrives is accepted"""
 SHORT_RATIO = 0.6
 """of the requested rate: less is short"""
-WINDOW_US = 1_000_000
-WINDOW_MESSAGES = 5
 SETTLE_US = 200_000
 DEAD_US = 1_500_000
 """the vehicle is silent when nothing came for so long"""
@@ -50,87 +46,15 @@ FORGOTTEN_US = 10_000_000
 """after a silence of this length the vehicle may have been restarted"""
 GROUP_PAUSE_US = 3_000_000
 JUDGE_US = 100_000
-RETRY_US, LONGEST_RETRY_US = 10_000_000, 300_000_000
-EPISODE_US = 2_500_000
+LONGEST_RETRY_US = 300_000_000
+REDUCTION_US = 2_500_000
 """rates that fall within this time were lowered by one request of somebody else"""
 GROUP_HZ = 25.0
 """REQUEST_DATA_STREAM takes a whole group at one rate: more would fill the link"""
-EPISODES, EPISODES_US = 4, 120_000_000
+REDUCTIONS, REDUCTIONS_US = 4, 120_000_000
 """lowered so often within so long: somebody insists"""
 PAUSE_US = 30_000_000
 WHO_US = 30_000_000
-
-
-class Asked(Enum):
-    """How far a request has come."""
-
-    NO = "to be requested"
-    YES = "granted, or not answered"
-    REFUSED = "refused"
-
-
-class Watch:
-    """One message: what was requested, and what arrives."""
-
-    def __init__(self, stream: Stream) -> None:
-        self.stream = stream
-        self.heard = False
-        self.rate_hz = 0.0
-        """as measured last"""
-        self.result = ""
-        """the refusal"""
-        self.reported = ""
-        """the problem that was logged last"""
-        self.changed = False
-        """whether an interval of ours is in force"""
-        self._settled_us = 0
-        self.start()
-
-    def start(self) -> None:
-        """Forget what was granted: to be requested now."""
-        self.asked = Asked.NO
-        self.asked_hz = self.ceiling_hz = self.stream.rate_hz
-        self.due_us = 0
-        self.good = False
-        self.fruitless = 0
-        self.retry_us = RETRY_US
-        self._begin: tuple[int, int, int] | None = None
-
-    def settle(self, settled_us: int) -> None:
-        """Measure anew, from `settled_us` on."""
-        self._begin = None
-        self._settled_us = settled_us
-
-    def measure(self, now_us: int, vehicle_us: int, count: int, *, stopped: bool) -> float | None:
-        """The rate of the window that ends now, Hz; None while it goes on.
-
-        `stopped` : the vehicle's clock stands still, so the host's clock measures.
-        """
-        if self._begin is None or vehicle_us < self._begin[1]:
-            if now_us >= self._settled_us:
-                self._begin = (now_us, vehicle_us, count)
-            return None
-        window_us = max(WINDOW_US, round(WINDOW_MESSAGES * 1e6 / self.asked_hz))
-        elapsed_us = now_us - self._begin[0] if stopped else vehicle_us - self._begin[1]
-        if elapsed_us < window_us:
-            return None
-        rate_hz = (count - self._begin[2]) * 1e6 / elapsed_us
-        self._begin = (now_us, vehicle_us, count)
-        return rate_hz
-
-    @property
-    def problem(self) -> str:
-        """What the user should know, in a few words; empty when all is well."""
-        stream = self.stream
-        if not stream.label or self.rate_hz >= 0.8 * stream.floor_hz:
-            return ""
-        if self.asked is Asked.REFUSED:
-            return f"{stream.label} refused ({self.result}), {self.rate_hz:.0f} Hz"
-        if self.fruitless < FRUITLESS and not self.reported:
-            return ""
-        if self.rate_hz == 0.0:
-            return f"no {stream.name}" if not self.heard else f"{stream.label} silent"
-        return f"{stream.label} slow: {self.rate_hz:.0f} of {stream.rate_hz:.0f} Hz"
 
 
 class StreamSupervisor:
@@ -162,7 +86,7 @@ class StreamSupervisor:
         self._frames = -1
         self._alive_us = self._moved_us = 0
         self._vehicle_us = -1
-        self._episodes: list[int] = []
+        self._reductions_us: list[int] = []
         self._pause_us = PAUSE_US
         self._paused_until_us = 0
         self._other: tuple[int, str] | None = None
@@ -271,7 +195,7 @@ class StreamSupervisor:
             elif watch.asked is not Asked.NO and (watch.heard or watch.stream.label):
                 self._short(watch, now_us, stations)
             self._report(watch)
-        if self.rivals and now_us - self._paused_until_us > EPISODES_US:
+        if self.rivals and now_us - self._paused_until_us > REDUCTIONS_US:
             self.rivals, self._pause_us = "", PAUSE_US
 
     def _short(self, watch: Watch, now_us: int, stations: str) -> None:
@@ -292,11 +216,12 @@ class StreamSupervisor:
             watch.retry_us = min(2 * watch.retry_us, LONGEST_RETRY_US)
 
     def _lowered(self, now_us: int, stations: str) -> None:
-        """A rate that had been granted fell: an episode of somebody's lowering it, or a reboot."""
-        if self._episodes and now_us - self._episodes[-1] < EPISODE_US:
+        """A rate that had been granted fell: somebody lowered it, or the vehicle rebooted."""
+        if self._reductions_us and now_us - self._reductions_us[-1] < REDUCTION_US:
             return
-        self._episodes = [us for us in self._episodes if now_us - us < EPISODES_US] + [now_us]
-        if len(self._episodes) < EPISODES:
+        recent = [us for us in self._reductions_us if now_us - us < REDUCTIONS_US]
+        self._reductions_us = [*recent, now_us]
+        if len(self._reductions_us) < REDUCTIONS:
             return
         other = self._other
         seen = other[1] if other is not None and now_us - other[0] < WHO_US else ""

@@ -39,7 +39,8 @@ class StatusTexts:
         self._told: dict[str, tuple[int, object]] = {}
 
     def say(self, kind: str, state: object, severity: int, text: str) -> None:
-        """A text about `kind`, which is now in `state`: the same state is not told twice running."""
+        """A text about `kind`, which is now in `state`: the same state is not told twice
+        running."""
         self._waiting[kind] = (state, severity, text)
 
     def retract(self, kind: str) -> None:

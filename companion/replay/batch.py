@@ -25,7 +25,8 @@ from companion.jit import source_hash
 from companion.jobs import Done, OnDone, Row, run_on
 from companion.logs import FORMATS
 from companion.replay.run import replay
-from companion.replay.summary import SETTLE_S, document
+from companion.replay.schema import document
+from companion.replay.summary import SETTLE_S
 from companion.replay.table import write
 from companion.settings import CompanionSettings
 
@@ -141,8 +142,10 @@ def run_batch(
     return table
 
 
-def _rows_of(done: Done[BatchJob]) -> list[Row]:
-    return done.rows if done.error is None else [{"log": str(done.job.log), "error": done.error}]
+def _rows_of(done: Done[BatchJob, list[Row]]) -> list[Row]:
+    if done.result is not None:
+        return done.result
+    return [{"log": str(done.job.log), "error": done.error}]
 
 
 def _badness(session: Row) -> tuple[bool, bool, float]:

@@ -1,7 +1,7 @@
 """Expectations of an altitude, for tests of a vehicle: ``max<10``, ``nees<2``; exit code and JUnit.
 
-An expectation holds for every session (flight) or it is not met. What is not known (``nees`` of a log
-without truth) is not met either: a test that cannot tell must not pass.
+An expectation holds for every session (flight) or it is not met. What is not known (``nees`` of a
+log without truth) is not met either: a test that cannot tell must not pass.
 """
 
 import math

@@ -1,4 +1,5 @@
-"""What is kept of one session: a row for each barometer and GNSS sample, with the estimate after it.
+"""What is kept of one session: a row for each barometer and GNSS sample, with the estimate after
+it.
 
 The IMU is not kept: its rows would be most of a log, and the altitude moves little between them.
 """

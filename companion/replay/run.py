@@ -8,13 +8,14 @@ from typing import Any
 
 from companion.evaluation.smoother import Smoothed, smooth
 from companion.logs import LogReader, open_log
-from companion.pipeline import Observer, Pipeline
+from companion.observer import Observer
+from companion.pipeline import Pipeline
 from companion.replay.record import Recording
+from companion.replay.schema import document
 from companion.replay.sessions import Session, Writer, sessions_of
 from companion.replay.summary import (
     SETTLE_S,
     damage,
-    document,
     reference_of,
     summarise,
 )

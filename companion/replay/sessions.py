@@ -20,7 +20,8 @@ from companion.logs.files import opened
 from companion.mavlink.codec import Frame, FrameReject, Message, decode, mavlink
 from companion.mavlink.convert import TimeBase
 from companion.mavlink.identity import autopilot_name, is_autopilot
-from companion.pipeline import Observer, Pipeline
+from companion.observer import Observer
+from companion.pipeline import Pipeline
 from companion.recorded import Item, Sensed
 from companion.samples import Kind, Rows, Verdict
 from companion.settings import CompanionSettings
@@ -153,7 +154,8 @@ class _Splitter(Generic[Seen]):
         self._renew()
 
     def goes_on(self, boot_us: int | None) -> bool:
-        """Whether the vehicle's clock explains a step of the stamps: it went on as if nothing was."""
+        """Whether the vehicle's clock explains a step of the stamps: it went on as if nothing
+        was."""
         now_us = self.pipeline.now_us
         return boot_us is None or now_us < 0 or abs(boot_us - now_us) <= SAME_BOOT_US
 
@@ -207,8 +209,8 @@ def sessions_of(
         told = "; ".join(first.pipeline.identity.notes) or "no vehicle"
         heard = f"vehicle {latched[0]}/{latched[1]}" if latched else told
         raise LogFormatError(
-            f"{getattr(reader, 'path', 'the log')}: nothing usable in it: {heard}, no barometer and "
-            "no GNSS height"
+            f"{getattr(reader, 'path', 'the log')}: nothing usable in it: {heard}, no barometer "
+            "and no GNSS height"
         )
     return found
 

@@ -1,14 +1,12 @@
 """What a session was, as plain data: the objects of the report schema.
 
-The schema is one for replay, compare and batch, and is described in ``docs/report-schema.md``. A
-change of meaning or the removal of a key raises `VERSION`; new keys do not.
+The schema is described in ``docs/report-schema.md``; `companion.replay.schema` has its top.
 
 Without a simulator's truth nothing is called an error: heights are held against the smoother of
 barometer and GNSS, and the keys are the same with ``reference.kind`` "smoother".
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import pairwise
@@ -16,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from companion import __version__
 from companion.evaluation.integrity import coverage
 from companion.evaluation.metrics import Array, errors, truth_at
 from companion.evaluation.smoother import Smoothed, smooth
@@ -26,7 +23,6 @@ from companion.replay.sessions import Session
 from companion.replay.verdict import verdict
 from companion.samples import FaultySensor, Kind, Rows, Verdict
 
-VERSION = "kollsman-report/1"
 SETTLE_S = 60.0
 UNIX_US = 1_000_000_000_000_000
 """A stamp above this is UNIX time (2001 and later)."""
@@ -68,12 +64,6 @@ def reference_of(recording: Recording) -> Reference:
         return Reference("none", np.zeros(0), np.zeros(0))
     sd_m = float(np.median(smoothed.sd_m))
     return Reference("smoother", smoothed.time_us, smoothed.altitude_m, sd_m, smoothed)
-
-
-def document(command: str, log: str, sessions: Sequence[dict[str, Any]], **more: Any) -> Any:
-    """The top of the schema around the sessions of one log."""
-    head = {"schema": VERSION, "kollsman": __version__, "command": command, "log": log}
-    return plain(head | more | {"sessions": list(sessions)})
 
 
 def summarise(
@@ -248,18 +238,3 @@ def _median(values: Any) -> float:
 
 def _extreme(values: Array, choose: Any) -> float:
     return float(choose(values)) if np.isfinite(values).any() else math.nan
-
-
-def plain(value: Any) -> Any:
-    """Python numbers, and None for what is not finite, so that the result is JSON."""
-    if isinstance(value, dict):
-        return {str(key): plain(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(each) for each in value]
-    if isinstance(value, bool | np.bool_):
-        return bool(value)
-    if isinstance(value, int | np.integer):
-        return int(value)
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else None
-    return value

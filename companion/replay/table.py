@@ -23,8 +23,9 @@ from companion.samples import FaultySensor, Kind, Verdict
 HELD_US = 2_000_000
 """for how long a raw height stands in the rows behind it"""
 ESTIMATE_COLUMNS = (
-    "altitude_amsl_m", "climb_mps", "altitude_sd_m", "climb_sd_mps", "baro_offset_m", "innovation_m",
-    "height_above_takeoff_m", "protection_level_m", "baro_rate_mps", "gnss_offset_m",
+    "altitude_amsl_m", "climb_mps", "altitude_sd_m", "climb_sd_mps", "baro_offset_m",
+    "innovation_m", "height_above_takeoff_m", "protection_level_m", "baro_rate_mps",
+    "gnss_offset_m",
 )  # fmt: skip
 Columns = dict[str, Any]
 """column -> values, of the same length each"""

@@ -1,8 +1,8 @@
 """A session in words: whose altitude was wrong, which sensor, and why. One sentence a finding.
 
 The words follow from the figures of `companion.replay.summary` alone, so that every page says the
-same. Where the altitude is LOST none is sent, and none
-is wrong. An altitude is called wrong beyond `WRONG_M` plus three standard deviations of the reference.
+same. Where the altitude is LOST none is sent, and none is wrong. An altitude is called wrong beyond
+`WRONG_M` plus three standard deviations of the reference.
 """
 
 import math

@@ -1,7 +1,7 @@
 """Faults that transform a stream of packets, the same for a simulated vehicle and for a log.
 
     apply_faults(packets, [Drop(start_s=60, duration_s=10)], seed=1)    any iterable of packets
-    FaultChain(faults, seed)                                          packet by packet, for a live link
+    FaultChain(faults, seed)                            packet by packet, for a live link
 
 A packet is one whole frame. A fault edits the frames of one component (the autopilot), with a
 correct checksum, and leaves all other frames and their sequence numbers unchanged. Its random
@@ -34,7 +34,8 @@ __all__ = ["FAULTS", "AnyFault", "Fault", "FaultChain", "apply_faults", "parse_f
 
 AnyFault = Annotated[
     Drop | Duplicate | Reorder | Delay  # of the link
-    | Freeze | Lag | Spike | Step | Ramp | Swing | Noise | SwappedUnits | BlockedStaticPort  # of a sensor's values
+    | Freeze | Lag | Spike | Step | Ramp | Swing | Noise  # of a sensor's values
+    | SwappedUnits | BlockedStaticPort
     | Outage | TwoDimensional | Jamming | Spoofing | Slide  # of the receiver
     | ClockJump | Reboot,
     Field(discriminator="fault"),

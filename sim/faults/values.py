@@ -80,8 +80,8 @@ QUANTITIES: Mapping[str, Quantity] = {
 }
 
 _INERTIAL = tuple(f"{axis}{kind}" for kind in ("acc", "gyro") for axis in _AXES)
-_FIX = ("fix_type", "lat", "lon", "alt", "eph", "epv", "vel", "cog", "satellites_visible", "alt_ellipsoid",
-        "h_acc", "v_acc", "vel_acc", "hdg_acc", "yaw")  # fmt: skip
+_FIX = ("fix_type", "lat", "lon", "alt", "eph", "epv", "vel", "cog", "satellites_visible",
+        "alt_ellipsoid", "h_acc", "v_acc", "vel_acc", "hdg_acc", "yaw")  # fmt: skip
 SENSORS: Mapping[str, Mapping[int, tuple[str, ...]]] = {
     "barometer": {
         PRESSURE: ("press_abs", "temperature"),
@@ -118,8 +118,8 @@ class ValueFault(Fault):
     """Parameters of faults of one quantity."""
 
     quantity: Literal[
-        "pressure", "pressure_altitude", "die_temperature", "gnss_height", "gnss_speed", "accel_x", "accel_y",
-        "accel_z", "gyro_x", "gyro_y", "gyro_z",
+        "pressure", "pressure_altitude", "die_temperature", "gnss_height", "gnss_speed", "accel_x",
+        "accel_y", "accel_z", "gyro_x", "gyro_y", "gyro_z",
     ] = "pressure"  # fmt: skip
     """quantity that is changed, in Pa, m, K, m, m/s, m/s2 or rad/s"""
 

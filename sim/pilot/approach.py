@@ -98,8 +98,9 @@ class Approach:
         )
         if gate_m < 4.0 * self._turn_m or self._height_m(truth) < -along_m / _GLIDE_RATIO:
             raise SimulationError(
-                f"at {truth.time_us / 1e6:.2f} s the glider is too low for the runway: {self._height_m(truth):.0f} m "
-                f"above it, {abs(along_m):.0f} m along and {abs(right_m):.0f} m across: land from a higher leg"
+                f"at {truth.time_us / 1e6:.2f} s the glider is too low for the runway: "
+                f"{self._height_m(truth):.0f} m above it, {abs(along_m):.0f} m along and "
+                f"{abs(right_m):.0f} m across: land from a higher leg"
             )
         return gate_m
 

@@ -205,7 +205,8 @@ class Autopilot:
         bank = 0.0 if truth.on_ground else _clamp(gains.heading_p * error, -0.2, 0.2)
         return Controls(
             self._elevator(truth, self._pitch_command), self._aileron(truth, bank), rudder, 1.0,
-            flaps=gains.take_off_flaps, gear=float(truth.on_ground or truth.climb_mps < _GEAR_UP_MPS),
+            flaps=gains.take_off_flaps,
+            gear=float(truth.on_ground or truth.climb_mps < _GEAR_UP_MPS),
         )  # fmt: skip
 
     def _roll_out(self, truth: Truth, target: Target) -> Controls:

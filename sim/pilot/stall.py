@@ -42,9 +42,9 @@ class StallWatch:
             raise SimulationError(
                 f"at {truth.time_us / 1e6:.2f} s the aircraft stalled during '{describe()}': "
                 f"{truth.altitude_amsl_m:.0f} m AMSL, {truth.airspeed_mps:.1f} m/s calibrated, "
-                f"bank {abs(math.degrees(truth.roll_rad)):.0f} degrees, angle of attack {angle_deg:.1f} degrees with "
-                f"the greatest lift at {stall_deg:.1f}; it needs about "
-                f"{self._needed_mps:.0f} m/s there: give the leg {_remedy(leg)}"
+                f"bank {abs(math.degrees(truth.roll_rad)):.0f} degrees, angle of attack "
+                f"{angle_deg:.1f} degrees with the greatest lift at {stall_deg:.1f}; it needs "
+                f"about {self._needed_mps:.0f} m/s there: give the leg {_remedy(leg)}"
             )
 
     def _enough_mps(self, truth: Truth) -> float:

@@ -59,34 +59,40 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
     # oversampling 1024, ArduPilot's [c]; +-1.5 mbar at 25 C and 750 mbar [c], +-2.5 mbar from -20
     # to 85 C [c], which leaves 100 Pa over 60 K, 0.6 Pa/K; but real boards (above) have 1.5-1.8,
     # and that counts here. Output in 0.01 mbar.
-    "MS5611": {"white_sd_pa": 2.7, "bias_sd_pa": 50.0, "quantum_pa": 1.0, "thermal_sd_pa_per_k": 1.6},
+    "MS5611": {"white_sd_pa": 2.7, "bias_sd_pa": 50.0, "quantum_pa": 1.0,
+               "thermal_sd_pa_per_k": 1.6},
     # Bosch, BST-BMP388-DS001 rev. 1.7: 0.9 Pa RMS at oversampling 8 and filter coefficient 3 (table
     # 8) [c]; that filter's delay, 3 samples at 50 Hz, is in the lag; +-50 Pa absolute, typical [c];
     # +-0.75 Pa/K, typical (table 2) [c]; 0.016 Pa resolution [c].
     "BMP388": {
-        "white_sd_pa": 0.9, "bias_sd_pa": 50.0, "quantum_pa": 0.016, "thermal_sd_pa_per_k": 0.75, "lag_s": 0.16,
-        "wander_sd_pa": 2.0,
+        "white_sd_pa": 0.9, "bias_sd_pa": 50.0, "quantum_pa": 0.016, "thermal_sd_pa_per_k": 0.75,
+        "lag_s": 0.16, "wander_sd_pa": 2.0,
     },
     # Infineon, DPS310 data sheet v1.2: 0.35 Pa RMS at oversampling 16 (table 16) [c], which
     # ArduPilot's driver sets; +-1 hPa absolute [c]; 0.5 Pa/K [c]; 0.06 Pa resolution.
     "DPS310": {
-        "white_sd_pa": 0.35, "bias_sd_pa": 33.0, "quantum_pa": 0.06, "thermal_sd_pa_per_k": 0.5, "wander_sd_pa": 2.0,
+        "white_sd_pa": 0.35, "bias_sd_pa": 33.0, "quantum_pa": 0.06, "thermal_sd_pa_per_k": 0.5,
+        "wander_sd_pa": 2.0,
     },
-    # Measured on four light aircraft with avionics barometers against SBAS heights, in warm air: the
-    # port reads high by 0.09-0.17 of the dynamic pressure, low by 10 m once the wing carries, late
-    # by 0.5-1.2 s; drift 0.002 m/s over 1800 s and 0.02 m/sqrt(s) (12 Pa/m); fast error 0.5-1 m
-    # over 60 s; white 0.1-0.3 m; stamps up to 0.3 s late. Ground effect and warm-up are assumed.
+    # Measured on four light aircraft with avionics barometers against SBAS heights, in warm air:
+    # the port reads high by 0.09-0.17 of the dynamic pressure, low by 10 m once the wing carries,
+    # late by 0.5-1.2 s; drift 0.002 m/s over 1800 s and 0.02 m/sqrt(s) (12 Pa/m); fast error
+    # 0.5-1 m over 60 s; white 0.1-0.3 m; stamps up to 0.3 s late. Ground effect and
+    # warm-up are assumed.
     "real light aircraft": {
-        "static_port": 0.13, "static_port_sd": 0.03, "lift_pa": 120.0, "lag_s": 1.0, "drift_sd_pa_per_s": 0.024,
-        "walk_pa_rts": 0.24, "wander_sd_pa": 9.0, "wander_time_s": 60.0, "white_sd_pa": 2.4, "stamp_jitter_s": 0.3,
-        "bias_sd_pa": 30.0, "ground_effect_sd": 0.05, "thermal_sd_pa_per_k": 0.3, "warming_time_s": 600.0,
+        "static_port": 0.13, "static_port_sd": 0.03, "lift_pa": 120.0, "lag_s": 1.0,
+        "drift_sd_pa_per_s": 0.024, "walk_pa_rts": 0.24, "wander_sd_pa": 9.0, "wander_time_s": 60.0,
+        "white_sd_pa": 2.4, "stamp_jitter_s": 0.3, "bias_sd_pa": 30.0, "ground_effect_sd": 0.05,
+        "thermal_sd_pa_per_k": 0.3, "warming_time_s": 600.0,
     },
     # A MEMS part inside a small fuselage without a static port: the same drift and port error, with
-    # either sign (propwash moves it by 4-7 m), a lag of 0.1 s, warm-up of 1-4 m (1.6 Pa/K, data/real).
+    # either sign (propwash moves it by 4-7 m), a lag of 0.1 s, warm-up of 1-4 m (1.6 Pa/K,
+    # data/real).
     "real small UAV": {
-        "static_port": 0.0, "static_port_sd": 0.13, "lag_s": 0.1, "drift_sd_pa_per_s": 0.024, "walk_pa_rts": 0.24,
-        "wander_sd_pa": 9.0, "wander_time_s": 60.0, "white_sd_pa": 2.4, "stamp_jitter_s": 0.05, "bias_sd_pa": 50.0,
-        "ground_effect_sd": 0.1, "ground_effect_height_m": 2.0, "thermal_sd_pa_per_k": 1.6, "warming_time_s": 300.0,
+        "static_port": 0.0, "static_port_sd": 0.13, "lag_s": 0.1, "drift_sd_pa_per_s": 0.024,
+        "walk_pa_rts": 0.24, "wander_sd_pa": 9.0, "wander_time_s": 60.0, "white_sd_pa": 2.4,
+        "stamp_jitter_s": 0.05, "bias_sd_pa": 50.0, "ground_effect_sd": 0.1,
+        "ground_effect_height_m": 2.0, "thermal_sd_pa_per_k": 1.6, "warming_time_s": 300.0,
     },
 }  # fmt: skip
 LIFT_OFF_PA = 480.0

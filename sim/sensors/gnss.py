@@ -42,8 +42,8 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
     # the 0.05-0.25 s that ArduPilot measured.
     "u-blox M8": {
         "height_white_sd_m": 0.15, "height_wander_sd_m": 4.2, "horizontal_white_sd_m": 0.1,
-        "horizontal_wander_sd_m": 2.1, "velocity_sd_mps": 0.05, "first_fix_s": 26.0, "latency_s": 0.15,
-        "latency_jitter_s": 0.02,
+        "horizontal_wander_sd_m": 2.1, "velocity_sd_mps": 0.05, "first_fix_s": 26.0,
+        "latency_s": 0.15, "latency_jitter_s": 0.02,
     },
     # u-blox, ZED-F9P data sheet UBX-17051259: RTK 0.01 m + 1 ppm CEP [c], 0.0085 m an axis, and as
     # much in height at 50 % [c], 0.015 m, both on a baseline so short that the ppm do not count (1
@@ -51,24 +51,25 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
     # assumed, and so is the latency.
     "F9P RTK": {
         "height_white_sd_m": 0.005, "height_wander_sd_m": 0.015, "horizontal_white_sd_m": 0.004,
-        "horizontal_wander_sd_m": 0.0085, "wander_time_s": 60.0, "velocity_sd_mps": 0.05, "first_fix_s": 24.0,
-        "latency_s": 0.15, "latency_jitter_s": 0.03, "hdop": 0.6, "vdop": 1.0, "satellites": 24, "fix": 6,
+        "horizontal_wander_sd_m": 0.0085, "wander_time_s": 60.0, "velocity_sd_mps": 0.05,
+        "first_fix_s": 24.0, "latency_s": 0.15, "latency_jitter_s": 0.03, "hdop": 0.6, "vdop": 1.0,
+        "satellites": 24, "fix": 6,
     },
     # data/real: 7-59 m of wander in 2-10 minutes, 0.03-0.2 m over 1 s, reported accuracy about 1 m
     # all the time.
     "cheap": {
-        "height_white_sd_m": 0.2, "height_wander_sd_m": 12.0, "wander_time_s": 200.0, "horizontal_white_sd_m": 0.1,
-        "horizontal_wander_sd_m": 5.0, "velocity_sd_mps": 0.2, "first_fix_s": 45.0, "latency_s": 0.25,
-        "latency_jitter_s": 0.05, "accuracy": "stuck", "stuck_accuracy_m": 1.2, "satellites": 9, "hdop": 1.1,
-        "vdop": 1.6, "multipath_sd_m": 6.0,
+        "height_white_sd_m": 0.2, "height_wander_sd_m": 12.0, "wander_time_s": 200.0,
+        "horizontal_white_sd_m": 0.1, "horizontal_wander_sd_m": 5.0, "velocity_sd_mps": 0.2,
+        "first_fix_s": 45.0, "latency_s": 0.25, "latency_jitter_s": 0.05, "accuracy": "stuck",
+        "stuck_accuracy_m": 1.2, "satellites": 9, "hdop": 1.1, "vdop": 1.6, "multipath_sd_m": 6.0,
     },
 }  # fmt: skip
 
 
 TYPE_SD_M: Mapping[int, tuple[float, float]] = {3: (0.15, 4.2), 4: (0.15, 1.2), 5: (0.05, 0.3)}
-"""White and slow height error of a receiver that has fallen to a lower fix type: single fixes as the
-preset u-blox M8; DGPS and RTK float are assumed, decimetres for an ambiguity that is not fixed. At
-its own type a receiver has its own errors."""
+"""White and slow height error of a receiver that has fallen to a lower fix type: single fixes as
+the preset u-blox M8; DGPS and RTK float are assumed, decimetres for an ambiguity that is not fixed.
+At its own type a receiver has its own errors."""
 
 
 class FixChange(Settings):

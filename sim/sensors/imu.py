@@ -41,8 +41,9 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
     # +-1 %: a third of each. The walks are not in it: assumed, what Allan plots of such chips show
     # (bias instability near 0.05 mg and 5 deg/h).
     "ICM-20602": {
-        "accel_noise_mps2_rthz": 0.1 * _MG, "accel_bias_sd_mps2": 8.3 * _MG, "accel_walk_mps2_rts": 5e-5,
-        "gyro_noise_radps_rthz": 0.004 * _DEG, "gyro_bias_sd_radps": 0.33 * _DEG, "gyro_walk_radps_rts": 2e-6,
+        "accel_noise_mps2_rthz": 0.1 * _MG, "accel_bias_sd_mps2": 8.3 * _MG,
+        "accel_walk_mps2_rts": 5e-5, "gyro_noise_radps_rthz": 0.004 * _DEG,
+        "gyro_bias_sd_radps": 0.33 * _DEG, "gyro_walk_radps_rts": 2e-6,
         "accel_thermal_sd_mps2_per_k": 0.17 * _MG, "gyro_thermal_sd_radps_per_k": 0.0033 * _DEG,
         "scale_sd": 0.0033, "misalignment_sd_rad": 0.0033, "warming_k": 20.0,
     },
@@ -51,10 +52,11 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
     # minimum 0.664 B with noise N at K = 0.866 (0.664 B)^2 / N. What is left of the biases after it
     # was calibrated on the ground is assumed: 0.1 mg, 5 deg/h.
     "tactical": {
-        "accel_noise_mps2_rthz": 0.008 / 60.0, "accel_bias_sd_mps2": 0.1 * _MG, "accel_walk_mps2_rts": 2.8e-6,
-        "gyro_noise_radps_rthz": 0.09 / 60.0 * _DEG, "gyro_bias_sd_radps": 5.0 / 3600.0 * _DEG,
-        "gyro_walk_radps_rts": 2.2e-7, "scale_sd": 5e-4, "misalignment_sd_rad": 0.05 * _DEG,
-        "accel_range_mps2": 8.0 * G0_MPS2, "gyro_range_radps": 125.0 * _DEG,
+        "accel_noise_mps2_rthz": 0.008 / 60.0, "accel_bias_sd_mps2": 0.1 * _MG,
+        "accel_walk_mps2_rts": 2.8e-6, "gyro_noise_radps_rthz": 0.09 / 60.0 * _DEG,
+        "gyro_bias_sd_radps": 5.0 / 3600.0 * _DEG, "gyro_walk_radps_rts": 2.2e-7, "scale_sd": 5e-4,
+        "misalignment_sd_rad": 0.05 * _DEG, "accel_range_mps2": 8.0 * G0_MPS2,
+        "gyro_range_radps": 125.0 * _DEG,
     },
 }  # fmt: skip
 
@@ -95,7 +97,7 @@ class ImuConfig(SensorConfig):
     vibration_hz: Annotated[float, Field(gt=0.0, le=2000.0)] = 80.0
     """frequency of the vibration, the engine's firing"""
     vibration_spread_hz: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
-    """standard deviation of that frequency, which wanders over two seconds"""
+    """standard deviation of the vibration's frequency, which wanders over two seconds"""
     averaged: bool = True
     """whether a sample is the mean of the vibration over its interval"""
     temperature_k: Annotated[float, Field(ge=200.0, le=400.0)] = 313.15
@@ -120,7 +122,8 @@ class _Triad:
     noise, range."""
 
     def __init__(
-        self, seed: int, name: str, *, noise: float, bias_sd: float, walk: float, thermal_sd: float, limit: float,
+        self, seed: int, name: str, *,
+        noise: float, bias_sd: float, walk: float, thermal_sd: float, limit: float,
         config: ImuConfig,
     ) -> None:  # fmt: skip
         dt_s = 1.0 / config.rate_hz

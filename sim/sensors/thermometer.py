@@ -1,8 +1,9 @@
 """A thermometer in the air: the probe of a hygrometer, sent as HYGROMETER_SENSOR.
 
 Its error has three parts: a bias drawn once, white noise, and the lag of the probe. Defaults are
-those of a digital probe in a vented housing (Sensirion SHT3x data sheet: +-0.2 K typical, repeatability
-0.04 K; response time 8 s in moving air). It is not fitted unless the scenario says so.
+those of a digital probe in a vented housing (Sensirion SHT3x data sheet: +-0.2 K typical,
+repeatability 0.04 K; response time 8 s in moving air). It is not fitted unless the scenario says
+so.
 """
 
 import math

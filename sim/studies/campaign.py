@@ -2,8 +2,8 @@
 executor interface.
 
 A job is one flight: flown to a temporary log, read back as live samples are, and run through every
-estimator. The rows of a job are a file of their own under ``parts/`` (`sim.studies.runs`), so that a
-campaign that was killed continues where it stopped; a flight that fails is a row that says why.
+estimator. The rows of a job are a file of their own under ``parts/`` (`sim.studies.runs`), so that
+a campaign that was killed continues where it stopped; a flight that fails is a row that says why.
 """
 
 import math
@@ -19,17 +19,18 @@ import numpy as np
 from companion.errors import ConfigError
 from companion.evaluation.compare import SETTLE_S, Comparison, compare_log
 from companion.evaluation.samples import samples_of
+from companion.jobs import Done, Row
 from companion.settings import CompanionSettings
 from sim.flight import Summary
 from sim.scenario import Scenario, load_scenario
 from sim.studies import runs
 from sim.studies.expectations import missed
 from sim.studies.fault_windows import attribution, fault_windows
-from sim.studies.runs import Done, Row, flown
+from sim.studies.runs import flown
 
 MEASURES = (
-    "rmse_m", "p95_m", "max_m", "bias_m", "takeoff_rmse_m", "climb_rmse_mps", "nees", "coverage_2", "median_sd_m",
-    "median_level_m", "detection_s", "wrong_share", "cost_us",
+    "rmse_m", "p95_m", "max_m", "bias_m", "takeoff_rmse_m", "climb_rmse_mps", "nees", "coverage_2",
+    "median_sd_m", "median_level_m", "detection_s", "wrong_share", "cost_us",
 )  # fmt: skip
 """of a row; their means over the seeds are the summary's, but for the worst maximum"""
 COUNTS = ("faults", "detected", "false_alarms", "exceedances")

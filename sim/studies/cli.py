@@ -16,8 +16,8 @@ from companion.log_cli import ExpectOption, JunitOption, conclude
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from companion.jobs import Row
     from companion.replay.expect import Expectation
-    from sim.studies.runs import Row
 
 FEEDBACK_EXAMPLES = """\b
 Examples:
@@ -39,6 +39,16 @@ Examples:
 """
 
 
+EstimatorsOption = Annotated[
+    list[str] | None,
+    typer.Option("--estimator", help="Estimator to run; repeatable. Default: all.", metavar="E"),
+]
+WorkersOption = Annotated[
+    int | None,
+    typer.Option(min=1, help="Number of processes. Default: one for each core.", metavar="N"),
+]
+
+
 def campaign(
     scenarios: Annotated[
         list[str], typer.Argument(help="Names of scenarios, or paths of .yaml files.")
@@ -47,18 +57,19 @@ def campaign(
     seeds: Annotated[
         int, typer.Option(min=1, help="Flights of each scenario, with seeds 1 to N.")
     ] = 10,
-    estimator: Annotated[
-        list[str] | None, typer.Option(help="Repeatable. Default: all.", metavar="E")
-    ] = None,
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes. Default: one a core.", metavar="N")
-    ] = None,
+    estimator: EstimatorsOption = None,
+    workers: WorkersOption = None,
     scheduler: Annotated[
-        str | None, typer.Option(help="A Dask cluster instead.", metavar="tcp://HOST:PORT")
+        str | None,
+        typer.Option(
+            help="Address of the Dask scheduler that runs the flights.", metavar="tcp://HOST:PORT"
+        ),
     ] = None,
     changes: Annotated[
         list[str] | None,
-        typer.Option("--set", help="Of companion.yaml; repeatable.", metavar="SECTION.KEY=VALUE"),
+        typer.Option(
+            "--set", help="Set a key of companion.yaml; repeatable.", metavar="SECTION.KEY=VALUE"
+        ),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder of the results.", metavar="DIR")] = Path(
         "out/campaign"
@@ -66,8 +77,8 @@ def campaign(
     expect: ExpectOption = None,
     junit: JunitOption = None,
 ) -> None:
-    """Scenario x seed x estimator to Parquet and a table; a campaign that was stopped goes on where
-    it was."""
+    """Fly scenarios with many seeds, run the estimators, and write Parquet rows and a table. A
+    stopped campaign continues."""
     from companion.jobs import executor_of
     from companion.replay import expect as expecting
     from companion.settings import CompanionSettings
@@ -93,7 +104,8 @@ def _hold(
     expectations: "Sequence[Expectation]",
     junit: Path | None,
 ) -> None:
-    """Hold expectations against every flight of every estimator; a flight that failed meets none."""
+    """Hold expectations against every flight of every estimator; a flight that failed meets
+    none."""
     from companion.replay.expect import hold
 
     outcomes = [
@@ -110,22 +122,20 @@ def _hold(
 def gallery(
     scenarios: Annotated[
         list[str] | None,
-        typer.Argument(help="Names, or paths of .yaml files. Default: all that come along."),
+        typer.Argument(
+            help="Names, or paths of .yaml files. Default: every scenario of the simulator."
+        ),
     ] = None,
     *,
-    estimator: Annotated[
-        list[str] | None, typer.Option(help="Repeatable. Default: all.", metavar="E")
-    ] = None,
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes. Default: one a core.", metavar="N")
-    ] = None,
+    estimator: EstimatorsOption = None,
+    workers: WorkersOption = None,
     out: Annotated[
         Path, typer.Option(help="Folder of the page and figures.", metavar="DIR")
     ] = Path("docs/gallery"),
 ) -> None:
     """Fly every scenario once, and write a page with a figure and a table of errors of each.
 
-    Given names, renew their sections of the page.
+    With names, only their sections of the page are renewed.
     """
     from companion.jobs import executor_of
     from sim.scenario import load_scenario, scenario_paths
@@ -148,11 +158,12 @@ def feedback(
     hours: Annotated[
         bool,
         typer.Option(
-            "--hours/--no-hours", help="Fly also an hour's hold in the weather of scenarios."
+            "--hours/--no-hours", help="Also fly an hour-long hold in the weather of each scenario."
         ),
     ] = True,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes. Default: one a core.", metavar="N")
+        int | None,
+        typer.Option(min=1, help="Number of processes. Default: one for each core.", metavar="N"),
     ] = None,
     out: Annotated[
         Path, typer.Option(help="Folder of the page and figures.", metavar="DIR")
@@ -186,7 +197,8 @@ def _estimators(chosen: list[str] | None) -> tuple[str, ...]:
     unknown = [name for name in chosen or [] if name not in ESTIMATORS]
     if unknown:
         print(
-            f"kollsman-sim: no estimator is called '{unknown[0]}'; there are: {', '.join(ESTIMATORS)}",
+            f"kollsman-sim: no estimator is called '{unknown[0]}'; there are: "
+            f"{', '.join(ESTIMATORS)}",
             file=sys.stderr,
         )
         raise typer.Exit(2)
@@ -240,9 +252,10 @@ def _print_campaign(lines: "list[Row]", failed: list[str]) -> None:
     from rich.table import Table
 
     names = {
-        "RMSE": "rmse_m", "+-": "rmse_sd_m", "95 %": "p95_m", "worst": "max_m", "climb": "climb_rmse_mps",
-        "NEES": "nees", "in 2 sd": "coverage_2", "sd": "median_sd_m", "level": "median_level_m",
-        "above": "exceedances", "us": "cost_us", "named s": "detection_s", "wrong": "wrong_share",
+        "RMSE": "rmse_m", "+-": "rmse_sd_m", "95 %": "p95_m", "worst": "max_m",
+        "climb": "climb_rmse_mps", "NEES": "nees", "in 2 sd": "coverage_2", "sd": "median_sd_m",
+        "level": "median_level_m", "above": "exceedances", "us": "cost_us",
+        "named s": "detection_s", "wrong": "wrong_share",
     }  # fmt: skip
     table = Table("scenario", "source", "n", box=None, pad_edge=False)
     for name in (*names, "found", "false", "missed"):

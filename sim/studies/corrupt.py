@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from companion.config import keys
+from companion.config.fields import keys
 from companion.errors import LogFormatError
 from companion.logs.tlog import TlogReader, TlogWriter
 from companion.samples import Packet

@@ -135,7 +135,8 @@ def fly(
         if sender == OUR_COMPONENT_ID
     )
     say(
-        f"flown in {summary.elapsed_s:.0f} s ({summary.speed_ratio:.0f}x); {came} messages came back from the companion"
+        f"flown in {summary.elapsed_s:.0f} s ({summary.speed_ratio:.0f}x); {came} messages came "
+        "back from the companion"
     )
     return tlog
 

@@ -51,7 +51,10 @@ def _states(expected: Expected, log: SampleLog, said: Published) -> Iterator[str
     start_us = float(said.now_us[0]) + SETTLE_S * 1e6
     share = share_sent(said, start_us, float(said.now_us[-1]))
     if share < expected.published_share:
-        yield f"ALTITUDE {100 * share:.1f} % of the time, expected >= {100 * expected.published_share:g} %"
+        yield (
+            f"ALTITUDE {100 * share:.1f} % of the time, expected >= "
+            f"{100 * expected.published_share:g} %"
+        )
     at_end = Health(int(said.health[-1]))
     if at_end > Health[expected.health]:
         yield f"health {at_end.name} at the end, expected {expected.health} or better"

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from companion.clock import ManualClock
 from companion.errors import SimulationError
 from companion.feedback import Feedback, FeedbackSettings, Mark
+from companion.jobs import Row, results
 from companion.links.memory import pair
 from companion.pipeline import Pipeline
 from companion.samples import Packet
@@ -25,7 +26,7 @@ from sim import BOOT_UNIX_US
 from sim.flight import Flight
 from sim.scenario import Scenario, load_scenario
 from sim.studies.page import markdown_table
-from sim.studies.runs import Row, results, run
+from sim.studies.runs import run
 
 DRIFT_M_PER_PA = 1.0 / 11.3
 """metres of altitude for a pascal at 600 m of the standard atmosphere"""
@@ -265,14 +266,14 @@ def _page(lines: list[tuple[Case, dict[str, float], dict[str, float]]]) -> str:
     figures = "\n\n".join(f"![{case.name}]({_slug(case.name)}.png)" for case, *_ in lines)
     return (
         "# Feedback to the autopilot\n\n"
-        "Written by `kollsman-sim feedback`. The simulated ArduPilot flies by its own altitude. Errors of "
-        "that altitude from 210 s on, RMSE / largest, in metres, without and with feedback (`feedback.mode: "
-        "baro-alt-offset`, all other keys at their defaults), one seed each. The drift is real: the sea-level "
-        "pressure changes.\n\n"
+        "Written by `kollsman-sim feedback`. The simulated ArduPilot flies by its own altitude. "
+        "Errors of that altitude from 210 s on, RMSE / largest, in metres, without and with "
+        "feedback (`feedback.mode: baro-alt-offset`, all other keys at their defaults), one seed "
+        "each. The drift is real: the sea-level pressure changes.\n\n"
         f"{markdown_table(head, table)}\n\n"
-        f"Goals at a drift of .05 m/s: AMSL {GOALS['amsl_rmse_m']} / {GOALS['amsl_max_m']}, above home "
-        f"{GOALS['relative_rmse_m']} / {GOALS['relative_max_m']}; in every case at most 1.1 times the RMSE "
-        "without feedback; no change above .15 m by a write.\n\n"
+        f"Goals at a drift of .05 m/s: AMSL {GOALS['amsl_rmse_m']} / {GOALS['amsl_max_m']}, above "
+        f"home {GOALS['relative_rmse_m']} / {GOALS['relative_max_m']}; in every case at most 1.1 "
+        "times the RMSE without feedback; no change above .15 m by a write.\n\n"
         f"{figures}\n"
     )
 

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-EXAMPLES = """\\b
+EXAMPLES = """\b
 Examples:
   kollsman-sim limits
   kollsman-sim limits --out docs/evaluation
@@ -17,7 +17,7 @@ def limits(
         "out/limits"
     ),
 ) -> None:
-    """Every estimator with sensors missing or wrong: error, spread, ALTITUDE sent, health."""
+    """Run every estimator with sensors missing or wrong: error, spread, ALTITUDE sent, health."""
     from rich.console import Console
     from rich.progress import Progress as Bar
 

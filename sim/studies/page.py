@@ -35,7 +35,8 @@ ESTIMATOR_COLOURS = {DEFAULT_ESTIMATOR: FUSED} | dict(
     zip((name for name in ESTIMATORS if name != DEFAULT_ESTIMATOR), cycle(_OTHERS), strict=False)
 )
 """One colour an estimator, by its place in the table."""
-"""Colours by role, the same on every page. FUSED is the proposal, OTHER what it is compared with."""
+"""Colours by role, the same on every page. FUSED is the proposal, OTHER what it is compared
+with."""
 
 _WIDTH_IN, _PANEL_IN, _DPI, _COLOURS = 8.0, 2.7, 110, 48
 

@@ -1,53 +1,35 @@
-"""Jobs of every study on one runner, and the one way to fly a scenario to a log.
-
-A job is a frozen dataclass or a named tuple; a function of one job returns its result. `run`
-computes results on a pool of processes or a Dask cluster, keeps those of finished jobs in a folder,
-and takes them from there when the same job is run again, so that a study that was stopped
-continues. A job that fails has an error in place of a result; it is tried again by the next run.
-"""
+"""What every study shares: the keys of its jobs, its cache, and the one way to fly a scenario to a
+log."""
 
 import hashlib
 import json
-import logging
 import pickle
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import Executor
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, fields, is_dataclass
-from functools import cache
+from dataclasses import fields, is_dataclass
+from functools import cache, partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 from pydantic import BaseModel
 
 import companion
+import companion.jobs
 import sim
 from companion.jit import cache_directory, source_hash
+from companion.jobs import Done, OnDone
 from sim.flight import Flight, Summary
 from sim.scenario import Scenario
 
-Row = dict[str, Any]
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 KEPT_S = 14 * 86_400.0
-
-
-@dataclass(frozen=True)
-class Done(Generic[Job, Result]):
-    """A job that was run: its result, or why it failed."""
-
-    job: Job
-    result: Result | None
-    error: str | None = None
-
-
-OnDone = Callable[[int, Done[Any, Any] | None], None]
-"""Called with how many jobs are done and the newest one; None for those whose results were kept."""
+PICKLE = companion.jobs.Storage(".pickle", pickle.dumps, pickle.loads)
 
 
 def run(
@@ -59,66 +41,18 @@ def run(
     weight: Callable[[Job], float] | None = None,
     on_done: OnDone | None = None,
 ) -> list[Done[Job, Result]]:
-    """`function` of every job, in the order of `jobs`.
-
-    Parameters
-    ----------
-    function
-        of a module's top level, so that a process can be sent there
-    parts
-        folder where results are kept; None keeps nothing
-    weight
-        how long a job takes, in any unit: the longest start first, which keeps all workers busy
-    """
-    keys = [key_of(function, job) for job in jobs]
-    done: dict[str, Done[Job, Result]] = {}
-    todo: dict[str, Job] = {}
-    for key, job in zip(keys, jobs, strict=True):
-        path = parts / f"{key}.pickle" if parts is not None else None
-        if path is not None and path.exists():
-            done[key] = Done(job, pickle.loads(path.read_bytes()))
-        else:
-            todo[key] = job
-    if on_done is not None:
-        on_done(len(done), None)
-    ordered = sorted(todo, key=lambda key: -weight(todo[key]) if weight else 0.0)
-    waiting = {executor.submit(_quietly, function, todo[key]): key for key in ordered}
-    for future in as_completed(waiting):
-        key = waiting[future]
-        done[key] = _outcome(future, todo[key])
-        if done[key].error is None and parts is not None:
-            _keep(parts / f"{key}.pickle", done[key].result)
-        if on_done is not None:
-            on_done(len(done), done[key])
-    return [done[key] for key in keys]
-
-
-def results(done: Sequence[Done[Any, Result]]) -> list[Result]:
-    """The results of the jobs that succeeded."""
-    return [each.result for each in done if each.result is not None]
-
-
-def _keep(path: Path, result: Any) -> None:
-    """Write a result; the file appears whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_suffix(".partial")
-    partial.write_bytes(pickle.dumps(result))
-    partial.replace(path)
-
-
-def _outcome(future: "Future[Result]", job: Job) -> Done[Job, Result]:
-    try:
-        return Done(job, future.result())
-    except BrokenProcessPool:
-        return Done(job, None, "a worker process was killed, and this job with it")
-    except Exception as error:  # a job that fails is a result, whatever failed
-        return Done(job, None, f"{error}" or type(error).__name__)
-
-
-def _quietly(function: Callable[[Job], Result], job: Job) -> Result:
-    """Faults are injected on purpose: what the companion logs of them is not news."""
-    logging.getLogger("kollsman").setLevel(logging.CRITICAL)
-    return function(job)
+    """`companion.jobs.run` for jobs of the simulator: results may be any objects, and depend on
+    the code of both programs (`key_of`)."""
+    return companion.jobs.run(
+        function,
+        jobs,
+        executor,
+        key=partial(key_of, function),
+        parts=parts,
+        storage=PICKLE,
+        weight=weight,
+        on_done=on_done,
+    )
 
 
 def kept_parts() -> Path:

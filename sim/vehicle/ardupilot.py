@@ -141,7 +141,8 @@ def raw_imu(state: State) -> bytes | None:
 
 
 def sim_state(state: State) -> bytes | None:
-    """The truth: altitude AMSL, velocity NED, attitude, and the true mean specific force and rates."""
+    """The truth: altitude AMSL, velocity NED, attitude, and the true mean specific force and
+    rates."""
     truth, motion = state.truth, state.motion
     if truth is None or motion is None:
         return None

@@ -1,4 +1,4 @@
-"""The vehicle's own estimate, for ATTITUDE, GLOBAL_POSITION_INT and HOME_POSITION: believable,
+"""The vehicle's own estimate, for ATTITUDE, GLOBAL_POSITION_INT and HOME_POSITION: plausible,
 simple, and not truth.
 
 Height follows the barometer alone, as ArduPilot's EKF3 does by default: its AMSL origin is one
@@ -28,11 +28,11 @@ class EstimateConfig(SensorConfig):
     """Errors of the vehicle's own attitude."""
 
     tilt_sd_deg: Annotated[float, Field(ge=0.0, le=30.0)] = 0.3
-    """standard deviation of its roll and pitch"""
+    """standard deviation of the error of the estimated roll and pitch"""
     heading_sd_deg: Annotated[float, Field(ge=0.0, le=90.0)] = 1.0
-    """standard deviation of its yaw"""
+    """standard deviation of the error of the estimated yaw"""
     attitude_time_s: Annotated[float, Field(gt=0.0, le=1e5)] = 60.0
-    """correlation time of these errors"""
+    """correlation time of the errors of roll, pitch and yaw"""
 
 
 class Position(NamedTuple):

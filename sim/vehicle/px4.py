@@ -138,7 +138,8 @@ def gps_raw_int(state: State) -> bytes | None:
 
 
 def altitude(state: State) -> bytes | None:
-    """ALTITUDE: NaN is what it does not know. Before there is an origin, AMSL is the barometer's."""
+    """ALTITUDE: NaN is what it does not know. Before there is an origin, AMSL is the
+    barometer's."""
     nan = math.nan
     monotonic_m = baro_altitude_m(state, state.pressure) if state.pressure is not None else nan
     position, origin, home = state.position, state.origin, state.home

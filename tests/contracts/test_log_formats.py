@@ -1,4 +1,5 @@
-"""What every log format must do. A format in `FORMATS` is tested here as soon as it has a writer."""
+"""What every log format must do. A format in `FORMATS` is tested here as soon as it has a
+writer."""
 
 import random
 from pathlib import Path
@@ -191,13 +192,13 @@ def test_damage_is_survived(flown: tuple[str, Path, Flight], tmp_path: Path) -> 
     a barometer."""
     name, path, _ = flown
     data = path.read_bytes()
-    luck = random.Random(1)
-    damaged = [data[: luck.randrange(1, len(data))] for _ in range(4)]
+    rng = random.Random(1)
+    damaged = [data[: rng.randrange(1, len(data))] for _ in range(4)]
     for _ in range(4):
         hurt = bytearray(data)
         for _ in range(30):
-            at = luck.randrange(len(hurt) // 4, len(hurt))
-            hurt[at : at + 20] = luck.randbytes(20)
+            at = rng.randrange(len(hurt) // 4, len(hurt))
+            hurt[at : at + 20] = rng.randbytes(20)
         damaged.append(bytes(hurt[: len(data)]))
     for each in damaged:
         copy = tmp_path / f"damaged.{name}"

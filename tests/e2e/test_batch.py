@@ -1,4 +1,5 @@
-"""Batches on real processes: a pool whose worker is killed, and a real Dask scheduler on loopback."""
+"""Batches on real processes: a pool whose worker is killed, and a real Dask scheduler on
+loopback."""
 
 import json
 import os

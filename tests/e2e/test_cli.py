@@ -136,7 +136,10 @@ def test_lists(kollsman, command: str) -> None:  # type: ignore[no-untyped-def]
 
 
 def test_help_imports_nothing_heavy() -> None:
-    script = "import sys; import companion.cli; print([m for m in ('numba', 'numpy', 'pymavlink') if m in sys.modules])"
+    script = (
+        "import sys; import companion.cli; print([m for m in ('numba', 'numpy', 'pymavlink') "
+        "if m in sys.modules])"
+    )
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=True, env=os.environ
     )

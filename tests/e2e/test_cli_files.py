@@ -1,5 +1,5 @@
-"""`kollsman check` of what is no configuration file: one line within two seconds. Output that cannot
-be written: one line too."""
+"""`kollsman check` of what is no configuration file: one line within two seconds. Output that
+cannot be written: one line too."""
 
 import os
 import subprocess

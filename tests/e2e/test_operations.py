@@ -1,5 +1,5 @@
-"""`kollsman run` as a service: outputs that fail, signals, interruptions, recordings. Real processes
-and sockets."""
+"""`kollsman run` as a service: outputs that fail, signals, interruptions, recordings. Real
+processes and sockets."""
 
 import json
 import os

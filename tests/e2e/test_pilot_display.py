@@ -1,5 +1,5 @@
-"""What a pilot sees: a double of QGroundControl's rule beside the whole service, through start, loss,
-failure and stop.
+"""What a pilot sees: a double of QGroundControl's rule beside the whole service, through start,
+loss, failure and stop.
 
 QGroundControl (Vehicle.cc, _handleAltitude and _handleGlobalPositionInt) copies ALTITUDE from any
 component of the vehicle's system id, NaN or not, and from the first one on takes no height from

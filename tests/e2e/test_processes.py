@@ -128,7 +128,8 @@ def test_flight_over_a_serial_line(tmp_path: Path) -> None:
 
 @contextmanager
 def serial_cable() -> Iterator[tuple[str, str]]:
-    """Two pseudo-terminals joined back to back: what is written to one can be read from the other."""
+    """Two pseudo-terminals joined back to back: what is written to one can be read from the
+    other."""
     ends = [os.openpty() for _ in range(2)]
     for master, slave in ends:
         tty.setraw(master)

@@ -1,7 +1,7 @@
 """The README's recipes, end to end: what arrives where a ground station sits, not what we send.
 
-The simulated autopilot forwards as ArduPilot and PX4 do (nothing to a silent link, nothing back to the
-sender); `Mavproxy` forwards as MAVProxy does.
+The simulated autopilot forwards as ArduPilot and PX4 do (nothing to a silent link, nothing back to
+the sender); `Mavproxy` forwards as MAVProxy does.
 """
 
 from collections import Counter
@@ -19,8 +19,8 @@ GCS_BEAT = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
 
 
 class Mavproxy:
-    """What the master brings goes to every output; what an output brings goes to the master only. It
-    requests all streams at 4 Hz every 15 s unless told not to."""
+    """What the master brings goes to every output; what an output brings goes to the master only.
+    It requests all streams at 4 Hz every 15 s unless told not to."""
 
     def __init__(
         self, master: MemoryLink, clock: ManualClock, outputs: int, streamrate: int

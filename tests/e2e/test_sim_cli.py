@@ -1,4 +1,5 @@
-"""The command ``kollsman-sim`` as a user runs it: a process, its output, its files, its exit code."""
+"""The command ``kollsman-sim`` as a user runs it: a process, its output, its files, its exit
+code."""
 
 import hashlib
 import os

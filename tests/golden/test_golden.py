@@ -1,4 +1,5 @@
-"""The golden change indicator: fails when an estimator's numbers moved, and says how to accept it."""
+"""The golden change indicator: fails when an estimator's numbers moved, and says how to accept
+it."""
 
 import pytest
 

@@ -1,4 +1,5 @@
-"""Paper H's filter against other roads to the same numbers, and its claims against random numbers."""
+"""Paper H's filter against other roads to the same numbers, and its variance against random
+numbers."""
 
 import math
 import time
@@ -14,7 +15,7 @@ from companion.estimators.adaptive_fusion import (
     gain,
 )
 from companion.estimators.method import run_log
-from sim.studies.papers import adaptive_fusion as paper
+from sim.studies.papers.adaptive_fusion import simulation as paper
 
 R_B, R_GPS = paper.R_B, paper.R_GPS
 
@@ -57,21 +58,21 @@ def test_mean_square_error_when_the_barometer_is_wrong(bias_m: float) -> None:
 def test_spread_is_the_error_to_expect(adaptive: bool, bias_m: float) -> None:
     """Where the barometer is wrong, the mean square error is the mean of the variance that is
     reported."""
-    mean_square_m2, claimed_m2 = fused(adaptive, bias_m)
-    assert mean_square_m2 / claimed_m2 == pytest.approx(1.0, abs=0.08)
+    mean_square_m2, predicted_m2 = fused(adaptive, bias_m)
+    assert mean_square_m2 / predicted_m2 == pytest.approx(1.0, abs=0.08)
 
 
 @pytest.mark.parametrize(("adaptive", "ratio"), [(True, 0.63), (False, 0.50)])
 def test_spread_is_cautious_where_nothing_is_wrong(adaptive: bool, ratio: float) -> None:
     """One residual does not tell noise from a fault, so the spread allows for a fault: up to 1.4
     times."""
-    mean_square_m2, claimed_m2 = fused(adaptive, 0.0)
-    assert mean_square_m2 / claimed_m2 == pytest.approx(ratio, abs=0.03)
+    mean_square_m2, predicted_m2 = fused(adaptive, 0.0)
+    assert mean_square_m2 / predicted_m2 == pytest.approx(ratio, abs=0.03)
 
 
 def fused(adaptive: bool, bias_m: float) -> tuple[float, float]:
     """Mean square error and mean reported variance over 40000 pairs, m2."""
-    squares = claimed = 0.0
+    squares = predicted = 0.0
     pairs = np.random.default_rng(3).standard_normal((40_000, 2))
     for noise_b, noise_gps in pairs.tolist():
         baro, gps = bias_m + 9.0 * noise_b, 13.0 * noise_gps
@@ -79,8 +80,8 @@ def fused(adaptive: bool, bias_m: float) -> tuple[float, float]:
         S = adaptive_factor(delta, R_B, R_GPS) if adaptive else 1.0
         K = gain(S, R_B, R_GPS)
         squares += (baro + K * delta) ** 2
-        claimed += fused_sd_m(delta, S, K, R_B, R_GPS) ** 2
-    return squares / len(pairs), claimed / len(pairs)
+        predicted += fused_sd_m(delta, S, K, R_B, R_GPS) ** 2
+    return squares / len(pairs), predicted / len(pairs)
 
 
 @pytest.fixture(scope="module")

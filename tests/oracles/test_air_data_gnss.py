@@ -17,7 +17,7 @@ from companion.estimators.method import Filter
 from companion.kernels.atmosphere import L0_KPM, T0_K, geopotential_m, standard_pressure_pa
 from companion.kernels.kalman import correct
 from companion.samples import Kind, sample
-from sim.studies.papers import air_data_gnss as paper
+from sim.studies.papers.air_data_gnss import simulation as paper
 
 Array = NDArray[np.float64]
 DT_US = 200_000

@@ -117,7 +117,8 @@ def test_slow_barometer_does_not_lag_behind_a_climb(baro_s: float) -> None:
 
 
 def test_genetic_search_against_all_strings() -> None:
-    """Within 5 % of the least cost of all 32768 strings from any seed, and often the least itself."""
+    """Within 5 % of the least cost of all 32768 strings from any seed, and often the least
+    itself."""
     trial = tuning.Flight(flight(duration_s=40.0, imu_hz=15.0, pressure_hz=5.0, gnss_hz=2.0).log())
     costs = np.array(
         [trial.cost(genetic.decode(string)) for string in range(2**genetic.STRING_BITS)]

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from sim.studies.page import generators
-from sim.studies.papers import damping_loop as paper
-from sim.studies.papers import mountain_road as road
-from sim.studies.papers.mountain_road import Drive
+from sim.studies.papers.damping_loop import mountain_road as road
+from sim.studies.papers.damping_loop import simulation as paper
+from sim.studies.papers.damping_loop.mountain_road import Drive
 
 
 @pytest.fixture(scope="module")

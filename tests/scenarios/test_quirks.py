@@ -46,7 +46,8 @@ Replay = Callable[..., Outcome]
 
 @pytest.fixture
 def play(tmp_path: Path) -> Replay:
-    """Write packets as a tlog and replay it; every published altitude must be near the healthy one."""
+    """Write packets as a tlog and replay it; every published altitude must be near the healthy
+    one."""
 
     def run(
         packets: list[Packet], healthy_m: float = ALTITUDE_M, tail: bytes = b"", cut: int = 0
@@ -227,7 +228,8 @@ class TestBarometer:
 
 class TestGnss:
     def test_19_km_without_a_fix(self, play: Replay) -> None:
-        """Expected Result: refused; without any fix there is no altitude and nothing is published."""
+        """Expected Result: refused; without any fix there is no altitude and nothing is
+        published."""
         lost = lambda boot_s: gps(
             boot_s, 19_400.0, fix_type=1, v_acc=3_750_000_128, eph=9999, epv=9999
         )
@@ -247,7 +249,7 @@ class TestGnss:
     @pytest.mark.parametrize("claim", [{"v_acc": 900_000}, {"v_acc": 0, "epv": 65535, "eph": 9999}])
     def test_a_3d_fix_that_slides(self, play: Replay, claim: dict[str, int]) -> None:
         """1149 to 376 m in 20 s on the ground with v_acc of kilometres, then the truth with 7 m.
-        Expected Result: the slide is not believed, the truth is."""
+        Expected Result: the slide is rejected, the truth is used."""
         slide = from_s(
             0, lambda s: gps(s, 1149 - 38.65 * (s - 30), satellites_visible=4, **claim), gps, 50
         )
@@ -256,7 +258,7 @@ class TestGnss:
         assert outcome.pipeline.health.health is OK
 
     def test_a_jump_with_a_clear_conscience(self, play: Replay) -> None:
-        """3 km up with a 3D fix and 2 m claimed. Expected Result: refused at once, the barometer
+        """3 km up with a 3D fix and 2 m reported. Expected Result: refused at once, the barometer
         goes on."""
         outcome = play(
             standing(30, 120, gps=from_s(60, lambda boot_s: gps(boot_s, 3500.0), gps, 90))
@@ -276,7 +278,7 @@ class TestGnss:
     @pytest.mark.parametrize("epv", [65535, 0])
     @pytest.mark.parametrize("v_acc", [0, 2000])
     def test_unknown_vertical_dilution(self, play: Replay, epv: int, v_acc: int) -> None:
-        """Expected Result: used; HDOP or the claimed accuracy tells how good it is."""
+        """Expected Result: used; HDOP or the reported accuracy tells how good it is."""
         outcome = play(standing(30, 60, gps=lambda boot_s: gps(boot_s, epv=epv, v_acc=v_acc)))
         assert outcome.pipeline.health.health is OK
         assert outcome.count(Kind.GNSS, Verdict.USED) == 150
@@ -399,7 +401,8 @@ class TestClocks:
         assert published_s(outcome).max() > 4_294_996
 
     def test_packets_arrive_out_of_order(self, play: Replay) -> None:
-        """A radio that holds packets back for up to 0.9 s. Expected Result: no restart, no garbage."""
+        """A radio that holds packets back for up to 0.9 s. Expected Result: no restart, no
+        garbage."""
         random = np.random.default_rng(5)
         plain = standing(30, 90)
         late = sorted(plain, key=lambda packet: packet.time_us + random.uniform(0, 900_000))
@@ -470,10 +473,13 @@ class TestSenders:
         assert len(outcome.altitudes) > 130
 
     def test_both_versions_of_mavlink(self, play: Replay) -> None:
-        """A vehicle that speaks 1, a ground station that speaks 2. Expected Result: we answer in 1."""
+        """A vehicle that speaks 1, a ground station that speaks 2. Expected Result: we answer in
+        1."""
         station = standing(
             30, 60, vehicle=Vehicle(255, 190), gps=None, imu=None, pressure=None,
-            heartbeat=lambda s: heartbeat(type=mavlink.MAV_TYPE_GCS, autopilot=mavlink.MAV_AUTOPILOT_INVALID),
+            heartbeat=lambda s: heartbeat(
+                type=mavlink.MAV_TYPE_GCS, autopilot=mavlink.MAV_AUTOPILOT_INVALID
+            ),
         )  # fmt: skip
         outcome = play(merged(standing(vehicle=Vehicle(version=1)), station))
         assert {frame[0] for frame in outcome.sent} == {0xFE}
@@ -573,8 +579,10 @@ class TestOthers:
         """Well-made frames of the vehicle with random contents among good ones. Expected Result: no
         exception."""
         random = np.random.default_rng(seed)
-        names = ("scaled_pressure", "gps_raw_int", "attitude", "highres_imu", "distance_sensor", "system_time",
-                 "home_position", "extended_sys_state", "heartbeat", "attitude_quaternion", "gps2_raw")  # fmt: skip
+        names = ("scaled_pressure", "gps_raw_int", "attitude", "highres_imu", "distance_sensor",
+                 "system_time",
+                 "home_position", "extended_sys_state", "heartbeat", "attitude_quaternion",
+                 "gps2_raw")  # fmt: skip
         sender = Vehicle()
         packets = []
         for packet in standing(30, 40):

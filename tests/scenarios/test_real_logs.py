@@ -73,7 +73,8 @@ KNOWN_MISSES = {
         "SITL_uavlogviewer_flight_logs",
     )
 }
-"""These failed in the slow run of 2026-11-28 after identification and the vehicle clock changed; cause not found."""
+"""These failed in the slow run of 2026-11-28 after identification and the vehicle clock changed;
+cause not found."""
 
 LEVEL_MISSES = {
     "real/codelever_2013-10-13_16-58-51.tlog": "172 of 600 published: level 68 m of spread 15 m",
@@ -82,8 +83,9 @@ LEVEL_MISSES = {
     "real/SITL_wlichon_mixed_signed.tlog": "0 of 300 published: level 124 m of spread 27 m",
     "real/SITL_wlichon_twin_sysid2.tlog": "0 of 40 published: level 120 m of spread 26 m",
 }
-"""Known misses of the default estimator: a receiver that claims little has a protection level of
-4.7 spreads, above `health.level_lost_m` of 50 m, long before its spread is above `sd_lost_m`."""
+"""Known misses of the default estimator: a receiver that reports a good accuracy has a protection
+level of 4.7 spreads, above `health.level_lost_m` of 50 m, long before its spread is above
+`sd_lost_m`."""
 
 
 def marks(name: str, estimator: str) -> list[pytest.MarkDecorator]:

@@ -208,8 +208,8 @@ def packets_of(
 def test_a_receiver_that_lies(
     hop: list[tuple[float, Message]], step_m: int, claimed_mm: int
 ) -> None:
-    """The receiver's height steps for 40 s and claims to be good. Expected Result: nothing is
-    published that is 50 m wrong; OK within seconds after the step ends."""
+    """The receiver's height steps for 40 s with a good reported accuracy. Expected Result: nothing
+    is published that is 50 m wrong; OK within seconds after the step ends."""
 
     def lie(time_s: float, name: str, fields: dict[str, Any]) -> None:
         if name == "GPS_RAW_INT" and 100.0 <= time_s < 140.0:

@@ -255,21 +255,26 @@ def test_it_flies_to_the_end_and_shows_what_it_says(name: str, tmp_path: Path) -
 
 
 def test_everything_at_once_repeats_to_the_byte(tmp_path: Path) -> None:
-    """Layers, humidity, fields, turbulence, presets and faults; and another seed is another flight."""
+    """Layers, humidity, fields, turbulence, presets and faults; and another seed is another
+    flight."""
     values = {
         "name": "everything", "summary": "of a test.",
         "profile": [{"leg": "wait", "duration_s": 4}, {"leg": "take_off", "height_m": 60}],
         "weather": {
-            "profile": [{"altitude_amsl_m": 320, "offset_k": -5}, {"altitude_amsl_m": 360, "offset_k": 3}],
-            "relative_humidity": 0.7, "front": {"distance_m": 500}, "gradient": {"hpa_per_100km": 0.5}, "diurnal": {},
-            "mountain_wave": {"distance_m": 0}, "gusts": [{"time_s": 10}],
-            "turbulence": {"severity": 3, "wind_at_6m_mps": 4},
+            "profile": [
+                {"altitude_amsl_m": 320, "offset_k": -5}, {"altitude_amsl_m": 360, "offset_k": 3},
+            ],
+            "relative_humidity": 0.7, "front": {"distance_m": 500},
+            "gradient": {"hpa_per_100km": 0.5}, "diurnal": {}, "mountain_wave": {"distance_m": 0},
+            "gusts": [{"time_s": 10}], "turbulence": {"severity": 3, "wind_at_6m_mps": 4},
         },
         "sensors": {
-            "barometer": {"preset": "MS5611", "static_port": 0.05}, "gnss": {"preset": "cheap", "first_fix_s": 2},
+            "barometer": {"preset": "MS5611", "static_port": 0.05},
+            "gnss": {"preset": "cheap", "first_fix_s": 2},
             "imu": {"preset": "ICM-20602", "vibration_mps2": 10},
         },
-        "faults": [{"fault": "noise", "sd": 5}, {"fault": "drop", "probability": 0.1}, {"fault": "delay"}],
+        "faults": [{"fault": "noise", "sd": 5}, {"fault": "drop", "probability": 0.1},
+                   {"fault": "delay"}],
     }  # fmt: skip
     scenario = validate(values, Scenario, "a test")
     logs = []

@@ -69,15 +69,20 @@ def test_the_stall_is_where_the_model_s_lift_is_greatest(name: str) -> None:
 
 
 TOO_SLOW: dict[str, tuple[str, float, dict[str, Any], dict[str, Any], str]] = {
-    "bank": ("c172p", 1500, {"leg": "hold", "duration_s": 60, "bank_deg": 60, "airspeed_mps": 30}, {}, "less bank_deg"),
-    "climb": ("c172p", 3500, {"leg": "climb", "altitude_amsl_m": 6000, "rate_mps": 10}, {}, "a lower rate_mps"),
+    "bank": ("c172p", 1500, {"leg": "hold", "duration_s": 60, "bank_deg": 60, "airspeed_mps": 30},
+             {}, "less bank_deg"),
+    "climb": ("c172p", 3500, {"leg": "climb", "altitude_amsl_m": 6000, "rate_mps": 10}, {},
+              "a lower rate_mps"),
     "height": (
-        "737", 11500, {"leg": "hold", "duration_s": 60, "airspeed_mps": 83}, {"aloft": {"airspeed_mps": 83}},
-        "a higher airspeed_mps",
+        "737", 11500, {"leg": "hold", "duration_s": 60, "airspeed_mps": 83},
+        {"aloft": {"airspeed_mps": 83}}, "a higher airspeed_mps",
     ),
     "gust": (
-        "sgs126", 1500, {"leg": "glide", "altitude_amsl_m": 600, "airspeed_mps": 16, "heading_deg": 90},
-        {"weather": {"gusts": [{"time_s": 30, "duration_s": 10, "speed_mps": 10, "from_deg": 270}]}},
+        "sgs126", 1500,
+        {"leg": "glide", "altitude_amsl_m": 600, "airspeed_mps": 16, "heading_deg": 90},
+        {"weather": {
+            "gusts": [{"time_s": 30, "duration_s": 10, "speed_mps": 10, "from_deg": 270}],
+        }},
         "the weather less wind",
     ),
 }  # fmt: skip
@@ -88,8 +93,10 @@ def test_a_stall_ends_the_flight_and_says_what_to_change(case: str) -> None:
     aircraft, aloft_m, leg, changes, remedy = TOO_SLOW[case]
     slow = flight(aircraft, aloft_m, leg, **changes)
     said = (
-        r"^at (\d+\.\d\d) s the aircraft stalled during '.+': \d+ m AMSL, [\d.]+ m/s calibrated, bank \d+ degrees, "
-        r"angle of attack [\d.]+ degrees with the greatest lift at [\d.]+; it needs about \d+ m/s there: give the leg "
+        r"^at (\d+\.\d\d) s the aircraft stalled during '.+': \d+ m AMSL, [\d.]+ m/s calibrated, "
+        r"bank \d+ degrees, "
+        r"angle of attack [\d.]+ degrees with the greatest lift at [\d.]+; it needs about \d+ m/s "
+        r"there: give the leg "
     )
     with pytest.raises(SimulationError, match=f"{said}.*{remedy}"):
         slow.run()

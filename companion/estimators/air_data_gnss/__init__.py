@@ -3,18 +3,18 @@
 I-H. Whang, W-S. Ra, "Simple Altitude Estimator using Air-Data and GPS Measurements", IFAC World
 Congress 2008. The paper's letters:
 
-==================  =========================  ========================================================================
-h^B                 ``baro``                   height of the standard atmosphere at the measured pressure (1)
+==================  =========================  =====================================================
+h^B                 ``baro``                   standard-atmosphere height of the pressure (1)
 h^GPS               ``fix_m``                  GNSS height
-a, b                ``error``                  scale-factor and bias error, h^B - h = a (h - H_0) + b (2)
-P^a, P^b            ``error.P``                their covariance; diagonal with ``covariance: marginal``
+a, b                ``error``                  scale and bias error: h^B - h = a (h - H_0) + b (2)
+P^a, P^b            ``error.P``                covariance; diagonal if ``covariance: marginal``
 lambda              `scale_of_temperature`     pseudo measurement of a from temperature (6)
 z, R                `z_innovation`             h^B - h^GPS (10), its variance R^B + R^GPS
-x, P                ``motion.x``, ``motion.P``   height and climb of the alpha-beta filter (33), (34)
+x, P                ``motion.x``, ``motion.P``   height and climb, alpha-beta filter (33), (34)
 h^c                 `compensate`               compensated barometer height (32)
 Gamma               ``L0_KPM``                 lapse rate of the standard atmosphere
 H_0, T_0            ``H_0``, ``T_0``           reference height, and the standard temperature there
-==================  =========================  ========================================================================
+==================  =========================  =====================================================
 
 A cycle is one barometer sample: predict height and climb (33), add Q^a and Q^b (17), (18),
 lambda-update (20)-(22) with the predicted height, z-update (25)-(31) when a fix has come,
@@ -25,9 +25,10 @@ joint one.
 
 Errata
 ------
-(2)-(4), (6): a = T_0/T_0' - 1, so lambda has a minus; as printed, +15 K puts 1600 m at 1450 m. (7) divides by T_0^2,
-and the spread of the lapse rate is K/m. z^a and S^a of (23) divide by h^GPS and are not formed. The regressor of (10)
-is the predicted height above H_0, not h^GPS. 1 + a is held at .5 or above.
+(2)-(4), (6): a = T_0/T_0' - 1, so lambda has a minus; as printed, +15 K puts 1600 m at 1450 m. (7)
+divides by T_0^2, and the spread of the lapse rate is K/m. z^a and S^a of (23) divide by h^GPS and
+are not formed. The regressor of (10) is the predicted height above H_0, not h^GPS. 1 + a is held at
+.5 or above.
 
 Departures
 ----------
@@ -56,9 +57,10 @@ It uses no IMU.
 
 Breaks when
 -----------
-GNSS wanders for minutes: it is taken for white, so b follows it. A barometer freezes in a climb: that looks like a = -1
-until the fixes have contradicted it for long. Temperature above 11 km is not used, (5) ends there. With the paper's Q^b
-the output is noisier than the barometer: 38 m rms from 70 m GPS, where the raw barometer has 6 m.
+GNSS wanders for minutes: it is taken for white, so b follows it. A barometer freezes in a climb:
+that looks like a = -1 until the fixes have contradicted it for long. Temperature above 11 km is not
+used, (5) ends there. With the paper's Q^b the output is noisier than the barometer: 38 m rms from
+70 m GPS, where the raw barometer has 6 m.
 
 Other packages use its `METHOD` only.
 """

@@ -72,7 +72,8 @@ def diagonal(P: Array, first: float, second: float) -> None:
 
 @step
 def compensate(baro: float, a: float, b: float, H_0: float) -> float:
-    """h^c of (32), with the height above H_0 as in (2): the inverse of h^B = h + a (h - H_0) + b."""
+    """h^c of (32), with the height above H_0 as in (2): the inverse of h^B = h + a (h - H_0) +
+    b."""
     return H_0 + (baro - H_0 - b) / (1.0 + a)
 
 
@@ -95,7 +96,8 @@ def scale_variance(R_T: float, P_h: float, above: float, T_0: float) -> float:
 
 @step
 def persists(run: Array, side: int, time_us: int, patience_us: int) -> bool:
-    """Whether innovations have now been on this `side` of the gate (0: inside) for `patience_us`."""
+    """Whether innovations have now been on this `side` of the gate (0: inside) for
+    `patience_us`."""
     if side != run[0]:
         run[0], run[1] = side, time_us
     return side != 0 and time_us - run[1] >= patience_us

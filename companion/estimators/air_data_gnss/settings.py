@@ -39,50 +39,52 @@ class AirDataGnssSettings(EstimatorSettings):
     preset: Literal["tuned", "paper"] = "tuned"
     """defaults of the other keys: physical ones, or those of the paper's simulation"""
     temperature: Literal["air", "die", "none"] = "air"
-    """air: only a thermometer in the air is trusted; die: else the barometer's own, which is 10-30
-    K too warm"""
+    """thermometer that is used: air is a probe in the air; die adds the barometer's own sensor,
+    10-30 K too warm, where there is no probe; none uses neither"""
     temperature_law: Literal["exact", "linear", "printed"] = "exact"
-    """scale factor of a temperature: T0/T - 1, its linear part, or that with the paper's wrong sign"""
+    """scale factor as a function of temperature: exact is T0/T - 1, linear its linear part, printed
+    that with the paper's wrong sign"""
     regressor: Literal["predicted", "gnss"] = "predicted"
-    """height with which GNSS tells bias from scale factor: the filter's own, or GNSS height as the
-    paper prints"""
+    """height by which bias and scale factor are separated: the filter's prediction, or the GNSS
+    height as the paper prints"""
     covariance: Literal["joint", "marginal"] = "joint"
-    """marginal: bias and scale factor taken as independent after each fix, as in the paper"""
+    """covariance of bias and scale factor after a fix: joint keeps their correlation, marginal
+    drops it as the paper does"""
     correction: Literal["carried", "filtered"] = "carried"
-    """filtered: a new correction passes the height filter as if it were a measurement, as in the
-    paper"""
+    """path of a new correction to the height: carried changes it at once, filtered passes it
+    through the height filter as the paper does"""
     outliers: Literal["damped", "kept"] = "damped"
-    """whether measurements far from the prediction lose weight"""
+    """weight of measurements far from the prediction: damped reduces it, kept does not"""
     reference_height_m: float = Field(0.0, ge=-500, le=9000)
-    """H0: the scale factor counts from here"""
+    """height H_0 at which the scale factor has no effect"""
     scale_walk_per_second: float = Field(5e-9, gt=0, le=1)
-    """Q^a: growth of the scale factor's variance in a second"""
+    """growth of the scale factor's variance in a second (Q^a)"""
     bias_walk_m2ps: float = Field(0.05, gt=0, le=1e6)
-    """Q^b: growth of the bias' variance (m2) in a second"""
+    """growth of the bias' variance in a second (Q^b)"""
     climb_walk_m2ps3: float = Field(8.0, gt=0, le=1e6)
-    """Q^h: growth of the climb's variance (m2/s2) in a second: 2 m/s2 that last a second"""
+    """growth of the climb's variance in a second (Q^h); 8 is 2 m/s2 that last a second"""
     climb_time_s: float = Field(100.0, ge=10, le=1e6)
-    """tau: the climb decays with this time constant"""
+    """time constant of the climb's decay (tau)"""
     scale_sd: float = Field(0.05, gt=0, le=1)
-    """spread of the scale factor at the start: 15 K"""
+    """standard deviation of the scale factor at the start; 0.05 is 15 K"""
     bias_sd_m: float = Field(100.0, gt=0, le=10_000)
-    """spread of the bias at the start: 12 hPa"""
+    """standard deviation of the bias at the start; 100 m is 12 hPa"""
     baro_variance_m2: float = Field(0.25, gt=0, le=1e6)
-    """R^B: white noise of the barometer height, with gusts and propellers"""
+    """variance of the barometer height's white noise, gusts and propellers included (R^B)"""
     gnss_variance_m2: float | Literal["claimed"] = "claimed"
-    """R^GPS: a number, or as the receiver claims"""
+    """variance of a GNSS height (R^GPS): a number, or claimed: from the reported accuracy"""
     gnss_sd_floor_m: float = Field(2.0, gt=0, le=100)
-    """a claimed spread below this is not believed"""
+    """least standard deviation of a GNSS height; a smaller reported accuracy is raised to it"""
     gnss_sd_unknown_m: float = Field(10.0, gt=0, le=1000)
-    """spread of a receiver that claims nothing"""
+    """standard deviation of a GNSS height whose receiver reports no accuracy"""
     temperature_sd_k: float = Field(1.5, gt=0, le=100)
-    """of an air temperature"""
+    """standard deviation of a measured air temperature"""
     temperature_time_s: float = Field(60.0, ge=0, le=1e5)
-    """temperatures closer together than this count as one; 0: each counts"""
+    """time within which temperatures count as one measurement; 0: each counts"""
     die_offset_k: float = Field(20.0, ge=-50, le=100)
-    """how much warmer than the air the barometer's own thermometer is"""
+    """excess of the barometer's own thermometer over the air's temperature"""
     die_sd_k: float = Field(10.0, gt=0, le=100)
-    """spread of that"""
+    """standard deviation of die_offset_k"""
 
     def derived(self) -> dict[str, Any]:
         """The letters of the paper."""

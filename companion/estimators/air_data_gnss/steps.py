@@ -1,4 +1,5 @@
-"""Steps of the estimator `companion.estimators.air_data_gnss`, whose docstring has paper, letters and departures."""
+"""Steps of the estimator `companion.estimators.air_data_gnss`, whose docstring has paper, letters
+and departures."""
 
 import math
 
@@ -73,7 +74,8 @@ AIR_REACH_US = 10_000_000
 """Longest age of a temperature that still belongs to the height of the next pressure."""
 RING_SIZE = 128  # the delay horizon of a second and more, at 100 Hz
 CORRELATED_SHARE = 0.5
-"""Share of the variance of a GNSS height that does not average out: ionosphere, orbits, multipath."""
+"""Share of the variance of a GNSS height that does not average out: ionosphere, orbits,
+multipath."""
 
 STATE = state_dtype(
     ("setting", SETTING),
@@ -148,9 +150,9 @@ def fuse_waiting_fix(state: Rows, params: Rows) -> None:
 
 @step
 def fuse_setting(state: Rows, params: Rows, pressure_pa: float) -> None:
-    """The z-update of a new setting of the altimeter, as one fix at the indicated altitude, where it
-    tells more than is known. The elevation of a vehicle at rest does: what b is beside it is the slow
-    error of the fixes before, which P does not know."""
+    """The z-update of a new setting of the altimeter, as one fix at the indicated altitude, where
+    it tells more than is known. The elevation of a vehicle at rest does: what b is beside it is the
+    slow error of the fixes before, which P does not know."""
     s, p = state[0], params[0]
     if s.setting.is_new == 0:
         return

@@ -3,7 +3,7 @@
 P. F. Roysdon, J. A. Farrell, "Technical Note: Summary of Baro Pressure for GPS-INS Vertical Channel
 Stability". The paper's letters:
 
-==================  ========================  ==========================================================
+==================  ========================  ======================================================
 h_p                 ``h_p``                   barometric altitude (12), here closed-form
 p, v, q             ``position_radm`` ...     position, velocity, attitude quaternion of (14)
 b_a, b_g            ``force_bias_mps2`` ...   accelerometer and gyroscope bias of (14)
@@ -12,7 +12,7 @@ dP_d, dv_d          ``dx[2], dx[5]``          errors of the vertical channel, no
 dt_b                ``dt_b``                  barometer's time less the state's
 z, H                ``z, H``                  baro residual (15) and its row (16)
 sigma_b^2           ``baro_sd_m``             1.0 m2 (the paper prints "1.0 m")
-==================  ========================  ==========================================================
+==================  ========================  ======================================================
 
 State: seventeen errors, true minus estimated; the first fifteen are those of
 `companion.estimators.baro_gnss_ins.strapdown`, then b and s. The paper's n_s = 20 counts four
@@ -56,12 +56,12 @@ Departures
 - Innovations of the barometer beyond 3 sigma count as if they were at 3 sigma; fifteen of them in a
   row on one side are a step, which b takes; three seconds of them are a wrong IMU, which then rests
   for 30 s (verdict GATED).
-- GNSS heights beyond 3 sigma of the claimed accuracy are GATED until they have lasted
+- GNSS heights beyond 3 sigma of the reported accuracy are GATED until they have lasted
   (`fixes.fuse_height`), never for good.
 - A fix is late: it meets the state of its own time (`companion.estimators.baro_gnss_ins.track`),
   with its age in H as dt_b in (16).
 - GNSS errors are correlated in time: fixes within 2 s count as one (R grows by 2 s / interval), and
-  three quarters of the claimed variance are added to that of the state in ``altitude_sd_m``, since
+  three quarters of the reported variance are added to that of the state in ``altitude_sd_m``, since
   no averaging removes them.
 
 - ``barometer: gnss_unreliable`` is the paper's second use of the barometer: while fixes are fresh
@@ -71,9 +71,10 @@ Departures
 
 Breaks when
 -----------
-The receiver's slow error exceeds what it claims: the height follows it within a minute. The air's scale error changes
-with height (an inversion): s is one number. The vehicle moves across its nose (multirotors): the course is no heading;
-when the velocities contradict for 5 s the IMU rests and is aligned again.
+The receiver's slow error exceeds its reported accuracy: the height follows it within a minute. The
+air's scale error changes with height (an inversion): s is one number. The vehicle moves across its
+nose (multirotors): the course is no heading; when the velocities contradict for 5 s the IMU rests
+and is aligned again.
 
 Other packages use its `METHOD` only.
 """

@@ -42,7 +42,8 @@ KNOWN_YAW_SD_RAD = 1.0
 COURSE_TIME_S = 10.0
 """for which the angle between nose and course stays the same"""
 YAWLESS_SD_MPS = 2.0
-"""horizontal velocity means little to a filter that does not know in which direction it accelerates"""
+"""horizontal velocity means little to a filter that does not know in which direction it
+accelerates"""
 LOST_SDS = 5.0
 
 

@@ -5,7 +5,7 @@ A fixed threshold between consecutive samples has two faults. Against the last *
 latches: once a climb has carried the pressure beyond it, every later sample is rejected too.
 Against the last sample it forbids climbs: 5 Pa are 0.4 m, which at 1 Hz is 0.4 m/s. So the
 threshold is applied to what the trend (an alpha-beta filter) does not explain, and after some
-rejections in a row the gate believes the sensor, along the slope of what it rejected.
+rejections in a row the gate accepts the sensor, along the slope of what it rejected.
 
 The threshold is `gate_pa`, but at least five times the sensor's own noise, which is measured, plus
 how far the trend lags behind a vertical acceleration of 5 m/s2: 0.3 Pa at 20 Hz, 1.2 Pa at 10 Hz,

@@ -1,4 +1,5 @@
-"""Steps of the estimator `companion.estimators.baro_gnss_ins`, whose docstring has paper, letters and departures."""
+"""Steps of the estimator `companion.estimators.baro_gnss_ins`, whose docstring has paper, letters
+and departures."""
 
 import math
 
@@ -166,7 +167,8 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
 
 @step
 def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
-    """Height, horizontal position, velocity and course of a fix, against the state at its own time."""
+    """Height, horizontal position, velocity and course of a fix, against the state at its own
+    time."""
     s, p = state[0], params[0]
     if sample[0].instance != 0:
         return tally(state, GNSS, IGNORED)

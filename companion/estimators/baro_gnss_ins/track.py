@@ -18,7 +18,8 @@ Array = NDArray[Any]
 
 SIZE = 64
 SPACING_US = 18_000
-"""Least time between entries: a second fits whatever the rate of the IMU (50 Hz keeps every sample)."""
+"""Least time between entries: a second fits whatever the rate of the IMU (50 Hz keeps every
+sample)."""
 
 
 TRACK = np.dtype(

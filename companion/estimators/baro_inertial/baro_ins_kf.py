@@ -4,17 +4,18 @@ corrected.
 J. Keighobadi, H. Nourmohammadi, S. Rafatnia, "Design and Implementation of GA Filter Algorithm for
 Baro-inertial Altitude Error Compensation", section IV.C (after Ausman 1991). The paper's letters:
 
-==============  =========================  =============================================================
+==============  =========================  =========================================================
 V_z, h, b       ``x[0], x[1], x[2]``       climb, altitude, barometer bias (11)-(12), (14)
 (none)          ``x[3]``                   accelerometer bias, which the paper leaves out
-H               ``calibrated``             barometer height, compensated for the day (2): see `baro_inertial`
+H               ``calibrated``             barometer height, calibrated (2): see `baro_inertial`
 A_z             ``acceleration_mps2``      upward acceleration
 beta, sigma     ``beta_ps``, ``sigma_m``   of the bias: a first-order Gauss-Markov process (12)
 v_a             ``R_m2``                   white noise of the barometer (16)
 P, K            ``P, K``                   covariance of x, gain
-==============  =========================  =============================================================
+==============  =========================  =========================================================
 
-    dV_z/dt = A_z - a + w,   dh/dt = V_z,   db/dt = -beta b + sqrt(2 beta sigma^2) w_b,   H = h + b + v_a      (11)-(16)
+    dV_z/dt = A_z - a + w,   dh/dt = V_z,   db/dt = -beta b + sqrt(2 beta sigma^2) w_b    (11)-(15)
+    H = h + b + v_a                                                                            (16)
 
 with a the accelerometer bias, also Gauss-Markov, if ``accelerometer_bias_state`` is on.
 
@@ -32,15 +33,16 @@ Departures
   (local gravity).
 - The accelerometer bias state (default on). Without it a bias of the accelerometer drags the
   altitude for ever, and only then does the damping loop beat this filter.
-- Start height, gate, restart, GNSS for the spread: as in `damping_loop`, with the same constants. The
-  spread of the estimate is that of P together with that of the reference
+- Start height, gate, restart, GNSS for the spread: as in `damping_loop`, with the same constants.
+  The spread of the estimate is that of P together with that of the reference
   (`baro_inertial.reference_sd_m`); P knows nothing of the weather.
 - Without an IMU that can be integrated (below about 10 Hz its samples are IGNORED) A_z = 0, with
   the noise of an unknown acceleration.
 
 Breaks when
 -----------
-The same as `damping_loop`: every lasting error of the barometer is the altitude's, since b has mean zero.
+The same as `damping_loop`: every lasting error of the barometer is the altitude's, since b has mean
+zero.
 """
 
 import math
@@ -354,7 +356,8 @@ def run(state: Rows, params: Rows, tables: Tables, estimates: Rows, verdicts: Ro
 
 METHOD = Method(
     name="baro-ins-kf",
-    summary="baro-inertial Kalman filter from a GNSS start height, with or without accelerometer bias",
+    summary="baro-inertial Kalman filter from a GNSS start height, with or without accelerometer "
+    "bias",
     citation="Keighobadi, Nourmohammadi, Rafatnia",
     settings=BaroInsKfSettings,
     state=STATE,

@@ -3,18 +3,20 @@
 J. Keighobadi, H. Nourmohammadi, S. Rafatnia, "Design and Implementation of GA Filter Algorithm for
 Baro-inertial Altitude Error Compensation". The paper's letters:
 
-==============  =========================  =============================================================
+==============  =========================  =========================================================
 h, V_z          ``h``, ``v``               altitude and climb (6)
-a_c             ``a_c``                    output of the compensator: what the accelerometer is wrong by
+a_c             ``a_c``                    compensator output: the accelerometer error
 K1, K2, K3      ``K1, K2, K3``             feedback gains; (10) gives 3.00, .6452, .8710
-H               ``calibrated``             barometer height, compensated for the day (2): see `baro_inertial`
+H               ``calibrated``             barometer height, calibrated (2): see `baro_inertial`
 A_z             ``acceleration_mps2``      upward acceleration
 w_s             (in the local gravity)     Schuler frequency
-==============  =========================  =============================================================
+==============  =========================  =========================================================
 
 The loop is
 
-    dh/dt = V_z - K1 (h - H),   dV_z/dt = A_z - a_c + 2 w_s^2 h - K2 (h - H),   da_c/dt = K3 (h - H)        (6)
+    dh/dt = V_z - K1 (h - H)
+    dV_z/dt = A_z - a_c + 2 w_s^2 h - K2 (h - H)
+    da_c/dt = K3 (h - H)                                                                        (6)
 
 with the poles of s^3 + K1 s^2 + (K2 - 2 w_s^2) s + K3, stable when K1 (K2 - 2 w_s^2) > K3. The
 paper's gains have poles -2.8810 and -.0595 +- .5466 i: a damping ratio of .108, which rings for a
@@ -22,15 +24,16 @@ minute. `kollsman tune damping-loop LOG` finds others (`companion.estimators.bar
 
 Discretisation
 --------------
-Forward Euler, the usual choice, is unstable from a step of .394 s on. Here the IMU moves h and V_z exactly (constant
-acceleration over its interval), and a barometer sample, T after the last one, takes
+Forward Euler, the usual choice, is unstable from a step of .394 s on. Here the IMU moves h and V_z
+exactly (constant acceleration over its interval), and a barometer sample, T after the last one,
+takes
 
     h -= alpha e,   V_z -= beta / T e,   a_c += gamma / T^2 e,      e = h - H
 
 with the alpha, beta, gamma for which the error obeys exactly the continuous loop: its transition
-over T has the eigenvalues exp(p T) of the loop's poles p (`loop_gains.matched_gains`). So it is stable at
-every rate of the IMU and of the barometer if (6) is, becomes (6) for fast sensors, and a slow
-barometer does not drag the altitude behind a climb, as one that is held between samples would.
+over T has the eigenvalues exp(p T) of the loop's poles p (`loop_gains.matched_gains`). So it is
+stable at every rate of the IMU and of the barometer if (6) is, becomes (6) for fast sensors, and a
+slow barometer does not drag the altitude behind a climb, as one that is held between samples would.
 
 Errata and departures of the input (the start height in place of (5), the sign of (1)) are told in
 `baro_inertial`.
@@ -50,9 +53,10 @@ Departures
 
 Breaks when
 -----------
-The weather changes or the column of air is not standard: every error of the barometer since the start is the
-altitude's. The spread says so while there is GNSS, the altitude does not. With the paper's gains anything
-that excites .55 rad/s (11 s: turns with a wrong attitude) is amplified three times.
+The weather changes or the column of air is not standard: every error of the barometer since the
+start is the altitude's. The spread says so while there is GNSS, the altitude does not. With the
+paper's gains anything that excites .55 rad/s (11 s: turns with a wrong attitude) is amplified three
+times.
 """
 
 import math
@@ -126,11 +130,11 @@ class DampingLoopSettings(InputSettings):
     """Section ``estimators.damping-loop``."""
 
     k1: float = Field(3.0, gt=0, le=100)
-    """K1 of (6), 1/s; the defaults are the paper's"""
+    """gain K1 of (6), 1/s; the defaults are the paper's"""
     k2: float = Field(0.6452, gt=0, le=100)
-    """K2 of (6), 1/s2"""
+    """gain K2 of (6), 1/s2; the defaults are the paper's"""
     k3: float = Field(0.871, ge=0, le=100)
-    """K3 of (6), 1/s3"""
+    """gain K3 of (6), 1/s3; the defaults are the paper's"""
 
     @model_validator(mode="after")
     def _is_stable(self) -> "DampingLoopSettings":

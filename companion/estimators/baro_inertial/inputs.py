@@ -4,18 +4,19 @@ J. Keighobadi, H. Nourmohammadi, S. Rafatnia, "Design and Implementation of GA F
 Baro-inertial Altitude Error Compensation". `damping_loop` and `baro_ins_kf` differ only in how they
 join the two inputs of this module:
 
-==============  =========================  =============================================================
-H               ``calibrated_m``           barometer height, compensated for an atmosphere that is not standard (2)
-A_z             ``acceleration_mps2``      upward acceleration: specific force along the vertical, less local gravity
-==============  =========================  =============================================================
+==============  =========================  =========================================================
+H               ``calibrated_m``           barometer height, calibrated for the atmosphere (2)
+A_z             ``acceleration_mps2``      vertical specific force, less local gravity
+==============  =========================  =========================================================
 
 Start height
 ------------
-The paper computes s and b of (2) from temperature and pressure "at sea level", which (5) derives from the very
-height that is to be calibrated: it is circular, and on an exactly standard day it shifts a vehicle at 1350 m by -82 or
-+85 m. Here the height of the start is given: the median of the first ``start_fixes`` credible GNSS heights (each
-compared with the barometer at its own time, so that the vehicle may move meanwhile), or the setting
-``start_altitude_m``, or the indicated altitude where a QNH is known. From there on
+The paper computes s and b of (2) from temperature and pressure "at sea level", which (5) derives
+from the very height that is to be calibrated: it is circular, and on an exactly standard day it
+shifts a vehicle at 1350 m by -82 or +85 m. Here the height of the start is given: the median of the
+first ``start_fixes`` credible GNSS heights (each compared with the barometer at its own time, so
+that the vehicle may move meanwhile), or the setting ``start_altitude_m``, or the indicated altitude
+where a QNH is known. From there on
 
     H = H_start + (1 + s) (H_p - H_p,start),      1 + s = T_start / T_standard(H_p,start)
 
@@ -159,7 +160,8 @@ def take_imu(inputs: Record, sample: Rows) -> bool:
 
 @step
 def take_pressure(inputs: Record, params: Rows, sample: Rows, imu_us: int) -> float:
-    """Calibrated barometer height H, geometric, of a judged sample; NaN until the start is known."""
+    """Calibrated barometer height H, geometric, of a judged sample; NaN until the start is
+    known."""
     inputs.level_m = pressure_altitude_m(sample[0].pressure_pa)
     if not math.isnan(inputs.acceleration_mps2) and sample[0].time_us - imu_us > IMU_TIMEOUT_US:
         inputs.acceleration_mps2 = math.nan
@@ -220,8 +222,8 @@ def note_fix(
     now_us: int,
     pressure_us: int,
 ) -> None:
-    """A judged fix: counts for the start, or is compared with `altitude_m`, the filter's altitude at the fix's
-    time (NaN none)."""
+    """A judged fix: counts for the start, or is compared with `altitude_m`, the filter's altitude
+    at the fix's time (NaN none)."""
     p = params[0]
     attitude_gnss(inputs.attitude, sample)
     sd_m = gnss_sd_m(sample, p.gnss_sd_floor_m, p.gnss_sd_unknown_m)
@@ -311,7 +313,8 @@ def gate_m(inputs: Record, elapsed_s: float) -> float:
 
 @step
 def waited_climb_mps(inputs: Record, time_us: int, calibrated: float) -> float:
-    """The barometer's mean slope once the filter has waited long enough to start at it, else NaN."""
+    """The barometer's mean slope once the filter has waited long enough to start at it, else
+    NaN."""
     if inputs.wait_us < 0:
         inputs.wait_us = time_us
         inputs.wait_m = calibrated
@@ -351,9 +354,9 @@ def reference_sd_m(inputs: Record, params: Rows, time_us: int, altitude_m: float
     """Root mean square error to expect of the compensated barometer: start, weather, temperature,
     as far as GNSS shows.
 
-    With the variance V of the first three and the mean m of GNSS less altitude with variance M, the error is m
-    V / (V + M) on the average, spread by V M / (V + M). It is not corrected, so both count; and the
-    weather since the last fix.
+    With the variance V of the first three and the mean m of GNSS less altitude with variance M, the
+    error is m V / (V + M) on the average, spread by V M / (V + M). It is not corrected, so both
+    count; and the weather since the last fix.
     """
     p = params[0]
     since_us = inputs.start_us if inputs.reference_us < 0 else inputs.reference_us

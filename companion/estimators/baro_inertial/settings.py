@@ -14,24 +14,24 @@ class InputSettings(EstimatorSettings):
     """Keys that the sections of both filters share."""
 
     start_altitude_m: float | None = Field(None, ge=-1000, le=20_000)
-    """height above mean sea level of the place of the start, where it is known; otherwise from GNSS"""
+    """altitude above mean sea level at the start; default: from GNSS"""
     start_fixes: int = Field(15, ge=1, le=MOST_START_FIXES)
-    """how many credible GNSS heights the start is the median of"""
+    """number of credible GNSS heights whose median is the altitude at the start"""
     start_temperature_k: Annotated[float, Field(gt=150, le=350)] | Literal["standard", "die"] = (
         "standard"
     )
-    """air temperature at the start: a number, the standard atmosphere's, or the sensor die's less
-    die_excess_k"""
+    """air temperature at the start: a number, standard: that of the standard atmosphere, die: the
+    barometer's own sensor less die_excess_k"""
     die_excess_k: float = Field(20.0, ge=0, le=60)
-    """how much warmer the sensor is than the air"""
+    """excess of the barometer's own sensor over the air's temperature"""
     use_attitude: bool = True
-    """take the autopilot's roll and pitch while they agree with our own"""
+    """whether the autopilot's roll and pitch are used while they agree with our own"""
     gnss_sd_floor_m: float = Field(1.0, gt=0, le=100)
-    """a claimed spread below this is not believed"""
+    """least standard deviation of a GNSS height; a smaller reported accuracy is raised to it"""
     gnss_sd_unknown_m: float = Field(13.0, gt=0, le=1000)
-    """spread of a receiver that claims nothing"""
+    """standard deviation of a GNSS height whose receiver reports no accuracy"""
     pressure_drift_mps: float = Field(0.003, ge=0, le=10)
-    """how fast weather moves the pressure level: 10 m an hour is usual, 30 a front"""
+    """drift of the pressure level by weather: 10 m an hour is usual, 30 a front"""
 
     def derived(self) -> Mapping[str, Any]:
         temperature = self.start_temperature_k
@@ -45,22 +45,22 @@ class BaroInsKfSettings(InputSettings):
     """Section ``estimators.baro-ins-kf``."""
 
     accelerometer_bias_state: bool = True
-    """the fourth state, which the paper's filter lacks"""
+    """whether the accelerometer's bias is a fourth state, which the paper's filter lacks"""
     baro_bias_sd_m: float = Field(0.5, ge=0, le=100)
-    """sigma of (12): what a barometer wanders by in a minute, in quiet air"""
+    """standard deviation of the barometer's bias (sigma of (12)): its wander in quiet air"""
     baro_bias_time_s: float = Field(60.0, gt=0, le=1e5)
-    """1 / beta of (12)"""
+    """correlation time of the barometer's bias (1 / beta of (12))"""
     baro_sd_m: float = Field(0.3, gt=0, le=100)
-    """of v_a: noise of one sample"""
+    """standard deviation of one barometer sample's white noise (v_a)"""
     acceleration_noise_mps2_rthz: float = Field(0.1, gt=0, le=10)
-    """of w, m/s2/sqrt(Hz): attitude errors of a degree or two in manoeuvres, far more than the
-    accelerometer's own"""
+    """noise of the vertical acceleration with an IMU (w): attitude errors of a degree or two in
+    manoeuvres, far more than the accelerometer's own"""
     unknown_acceleration_mps2_rthz: float = Field(1.0, gt=0, le=100)
-    """of w without an IMU, m/s2/sqrt(Hz): 1 m/s2 for a second"""
+    """noise of the vertical acceleration without an IMU (w); 1 is 1 m/s2 for a second"""
     accelerometer_bias_sd_mps2: float = Field(0.1, gt=0, le=10)
-    """spread of the accelerometer's bias: 10 mg"""
+    """standard deviation of the accelerometer's bias; 0.1 is 10 mg"""
     accelerometer_bias_time_s: float = Field(600.0, gt=0, le=1e5)
-    """how long it lasts"""
+    """correlation time of the accelerometer's bias"""
 
     def derived(self) -> Mapping[str, Any]:
         """The letters of the paper."""

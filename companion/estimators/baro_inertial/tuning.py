@@ -110,7 +110,8 @@ def note_inputs(
 
 @step
 def fly(state: Rows, params: Rows, course: Rows, velocities: Array, paths: Array) -> None:
-    """The loop over a course: its velocity, and its path (the integral of velocity), at each fix."""
+    """The loop over a course: its velocity, and its path (the integral of velocity), at each
+    fix."""
     s = state[0]
     fix, path, path_us, imu_us = 0, 0.0, 0, 0
     for i in range(course.size):
@@ -227,7 +228,8 @@ def _checked(course: Rows) -> Rows:
     heights = course["kind"] == PRESSURE
     if not heights.any():
         raise LogFormatError(
-            "the log has no barometer with GNSS heights to start from: no gains can be found from it"
+            "the log has no barometer with GNSS heights to start from: no gains can be found from "
+            "it"
         )
     course = course[course["time_us"] >= course["time_us"][heights].min()]
     if np.count_nonzero(course["kind"] == GNSS) < LEAST_FIXES:
@@ -274,7 +276,8 @@ class Tuning:
         lines = [
             f"against {source}; {self.found.evaluations} of {2**STRING_BITS} strings tried in "
             f"{len(self.found.history) - 1} generations",
-            f"{'':14s}{'K1':>7s}{'K2':>8s}{'K3':>8s}{'cost (m/s)2':>13s}{'damping':>9s}  poles (1/s)",
+            f"{'':14s}{'K1':>7s}{'K2':>8s}{'K3':>8s}{'cost (m/s)2':>13s}{'damping':>9s}  poles "
+            "(1/s)",
         ]
         for name, gains, cost in (
             ("found", self.gains, self.found.cost),
@@ -293,7 +296,10 @@ class Tuning:
     def snippet(self) -> str:
         """Lines for companion.yaml."""
         values = "".join(f"    k{place}: {gain:.6g}\n" for place, gain in enumerate(self.gains, 1))
-        return f"estimator: {damping_loop.METHOD.name}\nestimators:\n  {damping_loop.METHOD.name}:\n{values}"
+        return (
+            f"estimator: {damping_loop.METHOD.name}\nestimators:\n  "
+            f"{damping_loop.METHOD.name}:\n{values}"
+        )
 
 
 def loop_poles(gains: Gains) -> tuple[complex, complex, complex]:

@@ -4,15 +4,15 @@ A. Mañero Contreras, C. Hajiyev, "Robust Kalman Filter-Based Fault-Tolerant Int
 Baro-Inertial-GPS Altimeter",
 2019. Its equations are in `error_model`, its altimeters in `altimeters` and `isolation`. Letters:
 
-==================  ======================  ===========================================================================
-H_I                 ``height_m[k]``         height of the mechanised vertical channel of altimeter k: IBI 0, IIG 1
-X                   ``x[k]``                its errors (8): height, climb, acceleration, gravity, barometer's bias
+==================  ======================  ========================================================
+H_I                 ``height_m[k]``         height of altimeter k, mechanised: IBI 0, IIG 1
+X                   ``x[k]``                height, climb, acceleration, gravity, baro errors (8)
 P, K                ``P[k]``, ``K``         covariance, gain
 Z                   ``Z_sum``, ``Z_count``  H_I - h_B or H_I - h_GPS (10), mean over an iteration
 R                   `height_variance`              (13), (18)
 prob(1/i)           ``prob[k]``             posterior probability of normal operation (32)
-IBIG                `write_estimate`        the two altimeters weighted by each other's variance (19)-(21)
-==================  ======================  ===========================================================================
+IBIG                `write_estimate`        both, weighted by each other's variance (19)-(21)
+==================  ======================  ========================================================
 
 Three integrated altimeters run side by side: IBI and IIG each mechanise the upward specific force
 and estimate its errors from the barometer or from GNSS; IBIG weighs them. ``publish`` says which
@@ -23,9 +23,10 @@ recommended`` obeys it, and the estimate names the sensor.
 
 Errata
 ------
-(14) has five elements for the four states of (15). sigma_w of Table 1 enters no equation. sigma_B = 1 m as the driving
-noise of (2) makes a bias of 5.0 m; 0.2 makes one of 1 m, and both presets use that. (26) reduces P as if the
-measurement had counted in full, whatever prob(1/i): neither P nor the weights of (19) see a fault.
+(14) has five elements for the four states of (15). sigma_w of Table 1 enters no equation. sigma_B =
+1 m as the driving noise of (2) makes a bias of 5.0 m; 0.2 makes one of 1 m, and both presets use
+that. (26) reduces P as if the measurement had counted in full, whatever prob(1/i): neither P nor
+the weights of (19) see a fault.
 
 Departures
 ----------
@@ -41,7 +42,7 @@ Departures
   better than what it rejects: 10 s with a small IMU, 120 s with the paper's.
 - Preset ``tuned`` is for small IMUs: sigma_Daz stands for an acceleration error of 0.1 m/s2 that
   changes within 30 s (attitude errors of 1-2 degrees in turns); the paper's 2e-5 is navigation
-  grade (preset ``paper``). sigma_GPS is what the receiver claims, and the paper's 2.23 m at least.
+  grade (preset ``paper``). sigma_GPS is the reported accuracy, and the paper's 2.23 m at least.
 - The paper's "central processing unit" aligns the datum of the barometer with that of the inertial
   channel. Here it is the running mean of barometer less IIG height over ``reference_s``, for as
   long as correlated GNSS errors last (300 s); a large difference moves it little. It stands still
@@ -63,10 +64,11 @@ Departures
 
 Breaks when
 -----------
-The air is warmer or colder than standard and the vehicle climbs, or weather changes: IBIG keeps its share of the
-barometer's error until the datum has followed. GNSS that drifts, or is wrong by less than 4 sigma, takes the datum
-along. A fault below about 20 m passes the robust gain in part, bends the climb, and is worse than with the optimal
-gain. Preset ``paper`` on a small IMU: it believes an accelerometer that is wrong by 0.1 m/s2, by tens of metres.
+The air is warmer or colder than standard and the vehicle climbs, or weather changes: IBIG keeps its
+share of the barometer's error until the datum has followed. GNSS that drifts, or is wrong by less
+than 4 sigma, takes the datum along. A fault below about 20 m passes the robust gain in part, bends
+the climb, and is worse than with the optimal gain. Preset ``paper`` on a small IMU: it uses an
+accelerometer that is wrong by 0.1 m/s2, by tens of metres.
 
 Other packages use its `METHOD` only.
 """

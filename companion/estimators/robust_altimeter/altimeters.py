@@ -125,7 +125,8 @@ def height_variance(pair: Record, params: Rows, k: int) -> float:
 
 @step
 def advance(pair: Record, time_us: int, up_mps2: float) -> None:
-    """Mechanise both channels to `time_us` with an upward acceleration less its estimated errors."""
+    """Mechanise both channels to `time_us` with an upward acceleration less its estimated
+    errors."""
     if pair.ins_us >= 0:
         dt = max(0.0, (time_us - pair.ins_us) * 1e-6)
         for k in range(2):
@@ -168,7 +169,7 @@ def is_abnormal(pair: Record, params: Rows, k: int, Z: float) -> bool:
 
 @step
 def gather(pair: Record, params: Rows, k: int, Z: float) -> int:
-    """Keep a measurement for the next iteration. GATED when the robust gain will not believe it."""
+    """Keep a measurement for the next iteration. GATED when the robust gain rejects it."""
     abnormal = 1 if params[0].robust == 1 and is_abnormal(pair, params, k, Z) else 0
     pair.Z_sum[k, abnormal] += Z
     pair.Z_count[k, abnormal] += 1
@@ -257,7 +258,7 @@ def imu_is_contradicted(pair: Record, params: Rows) -> bool:
 
 @step
 def reacquire(pair: Record, params: Rows, k: int, Z: float) -> None:
-    """Believe a measurement: height anew from it, climb from the other altimeter unless that
+    """Start from a measurement: height from it, climb from the other altimeter unless that
     refuses as well."""
     p = params[0]
     wrong_m = innovation(pair.x[k], p.rows_H[k], Z)

@@ -17,7 +17,8 @@ from companion.jit import step
 from companion.samples import Record, Rows
 
 DOUBT_S = 60.0
-"""An altimeter that still disagrees after this time is believed: the difference is a new datum."""
+"""An altimeter that still disagrees after this time is used again: the difference is a new
+datum."""
 APART_SIGMAS = 3.0
 """How far apart two altimeters do not agree."""
 APART_S, DRIFT_SIGMAS, FAST_SIGMAS = 10.0, 2.0, 6.0
@@ -27,7 +28,7 @@ JUMP_NORMAL = 0.9
 """The altimeter whose prob(1/i) was below this when the two parted is the one that moved; weather
 does not jump."""
 YOUNG_S = 20.0
-"""A datum of this age is no evidence yet."""
+"""A datum younger than this is not used for isolation."""
 SETTLE_S = 5.0
 """For so long a new datum is a plain mean."""
 CORRELATED_SHARE = 0.5
@@ -110,7 +111,7 @@ def part(pair: Record, T: float, sigmas: float) -> None:
     """Two altimeters that part without an alarm: a fault if one had jumped or it goes fast, else
     weather.
 
-    Weather, and a datum that is too young to be evidence, is followed at once.
+    Weather, and a datum that is too young for isolation, is followed at once.
     """
     alarmed = pair.isolation.doubt_s[IBI] > 0.0 or pair.isolation.doubt_s[IIG] > 0.0
     if pair.isolation.apart_s == 0.0:

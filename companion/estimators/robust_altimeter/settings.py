@@ -30,25 +30,27 @@ class RobustAltimeterSettings(EstimatorSettings):
     PRESETS: ClassVar = {"paper": {"reacquire_s": 120.0}}
 
     preset: Literal["tuned", "paper"] = "tuned"
-    """inertial errors of a small IMU, or those of the paper's navigation-grade one"""
+    """errors of the inertial sensors: those of a small IMU, or of the paper's navigation-grade
+    one"""
     gain: Literal["robust", "optimal"] = "robust"
-    """weigh a measurement by its probability of being normal, or not"""
+    """weight of a measurement: robust multiplies it by the probability that the measurement is
+    normal, optimal does not"""
     publish: Literal["ibig", "ibi", "iig", "recommended"] = "ibig"
-    """both altimeters fused, the one by barometer, the one by GNSS, or whichever fault isolation
-    recommends"""
+    """altimeter that is published: ibig both fused, ibi the one with the barometer, iig the one
+    with GNSS, recommended the one that fault isolation recommends"""
     use_attitude: bool = True
-    """take the autopilot's roll and pitch while they agree with our own"""
+    """whether the autopilot's roll and pitch are used while they agree with our own"""
     reacquire_s: Patience | Literal["never"] = 10.0
-    """Longest time for which a measurement is refused, s; never: without limit, as in the paper's
-    filter. Preset paper: 120 s."""
+    """longest time for which a measurement is rejected; never: without limit, as in the paper's
+    filter. Preset paper: 120 s"""
     reference_s: float = Field(300.0, gt=0, le=1e6)
-    """over how long the barometer's datum is averaged"""
+    """averaging time of the barometer's datum"""
     gnss_sd_floor_m: float = Field(2.23, gt=0, le=100)
-    """a claimed spread below this is not believed"""
+    """least standard deviation of a GNSS height; a smaller reported accuracy is raised to it"""
     gnss_sd_unknown_m: float = Field(13.0, gt=0, le=1000)
-    """spread of a receiver that claims nothing"""
+    """standard deviation of a GNSS height whose receiver reports no accuracy"""
     pressure_drift_mps: float = Field(0.003, ge=0, le=10)
-    """how fast weather moves the pressure level: 10 m an hour is usual, 30 a front"""
+    """drift of the pressure level by weather: 10 m an hour is usual, 30 a front"""
 
     def derived(self) -> dict[str, Any]:
         """The letters of the paper."""

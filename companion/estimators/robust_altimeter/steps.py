@@ -1,4 +1,5 @@
-"""Steps of the estimator `companion.estimators.robust_altimeter`, whose docstring has paper, letters and departures."""
+"""Steps of the estimator `companion.estimators.robust_altimeter`, whose docstring has paper,
+letters and departures."""
 
 import math
 
@@ -186,8 +187,8 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
 
 @step
 def find_datum(state: Rows, params: Rows, time_us: int, since_s: float) -> None:
-    """The first datum of the barometer: IIG's height, else the setting of the altimeter; the standard
-    atmosphere when IBI alone is to be published, as in the paper's first scheme."""
+    """The first datum of the barometer: IIG's height, else the setting of the altimeter; the
+    standard atmosphere when IBI alone is to be published, as in the paper's first scheme."""
     s = state[0]
     datum = s.pair.datum
     if not lost(s.pair, IIG) and time_us - s.last_us[GNSS, 0] < FRESH_US:
@@ -328,7 +329,8 @@ def run(state: Rows, params: Rows, tables: Tables, estimates: Rows, verdicts: Ro
 
 METHOD = Method(
     name="robust-altimeter",
-    summary="two inertial altimeters, by barometer and by GNSS, with a probability for every measurement",
+    summary="two inertial altimeters, by barometer and by GNSS, with a probability for every "
+    "measurement",
     citation="Mañero Contreras, Hajiyev 2019",
     settings=RobustAltimeterSettings,
     state=STATE,

@@ -1,5 +1,5 @@
-"""What may be known besides pressure, fixes and forces: QNH, the air's temperature, the elevation of
-the field, the ground near the take-off.
+"""What may be known besides pressure, fixes and forces: QNH, the air's temperature, the elevation
+of the field, the ground near the take-off.
 
 None of them is needed, and each is a measurement like any other. A QNH says what the barometer
 reads too much where its station stands, which is taken to be the field of the take-off; the
@@ -99,7 +99,7 @@ def aids_start(aids: Record) -> None:
 @step
 def fuse_known(bank: Record, H: Record, z: float, R: float) -> bool:
     """Correct every hypothesis with a good barometer by z = H x + white, unless the mixture
-    contradicts; whether it was used. Probabilities stay: an aid is no witness of a fault."""
+    contradicts; whether it was used. Probabilities stay: an aid is not used for fault detection."""
     innovation = z - expected(bank, H)
     if innovation * innovation > KNOWN_SIGMA * KNOWN_SIGMA * (R + expected_variance(bank, H)):
         return False
@@ -112,7 +112,8 @@ def fuse_known(bank: Record, H: Record, z: float, R: float) -> bool:
 
 @step
 def fuse_qnh(aids: Record, bank: Record, p: Record, height_m: float) -> bool:
-    """Correct the barometer's offset at `height_m` by the known QNH: o - s (h - h_field) = H(QNH)."""
+    """Correct the barometer's offset at `height_m` by the known QNH: o - s (h - h_field) =
+    H(QNH)."""
     if math.isnan(aids.known_qnh_pa):
         return False
     aged_m = QNH_DRIFT_MPS * max(0.0, (bank.now_us - aids.known_qnh_us) * 1e-6)

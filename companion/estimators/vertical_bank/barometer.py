@@ -119,10 +119,12 @@ def note_height(
 
 @step
 def unseen_speed_mps(baro: Record, p: Record, now_us: int) -> float:
-    """What is not known of the airspeed at the instant of a height, and more since no speed was heard.
+    """What is not known of the airspeed at the instant of a height, and more since no speed was
+    heard.
 
-    A measured airspeed is up to a second old, so its error while the vehicle gains speed is as large as
-    that of a ground speed in wind. Taken as exact, a manoeuvre looked like a fault of the barometer."""
+    A measured airspeed is up to a second old, so its error while the vehicle gains speed is as
+    large as that of a ground speed in wind. Taken as exact, a manoeuvre looked like a fault of the
+    barometer."""
     silent_s = max(0.0, (now_us - baro.speed_us - FRESH_SPEED_US) * 1e-6)
     return float(p.wind_sd_mps + SPEED_DRIFT_MPS2 * silent_s)
 

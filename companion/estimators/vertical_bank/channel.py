@@ -77,7 +77,8 @@ def shrink(P: Array, i: int, keep: float) -> None:
 
 @step
 def relax(x: Array, P: Array, i: int, keep: float, steady: float) -> None:
-    """A Gauss-Markov state of stationary variance `steady` after a time that leaves `keep` of it."""
+    """A Gauss-Markov state of stationary variance `steady` after a time that leaves `keep` of
+    it."""
     shrink(P, i, keep)
     x[i] *= keep
     P[i, i] += steady * (1.0 - keep * keep)
@@ -86,7 +87,8 @@ def relax(x: Array, P: Array, i: int, keep: float, steady: float) -> None:
 @step
 def move(x: Array, P: Array, dt_s: float, dv: float, dh: float, psd: float) -> float:
     """Height, climb and offset over `dt_s`, in which u integrates to `dv` once and to `dh` twice;
-    the displacement h(t + dt) - h(t). `psd`: spectral density of the acceleration's noise, m2/s3."""
+    the displacement h(t + dt) - h(t). `psd`: spectral density of the acceleration's noise,
+    m2/s3."""
     half = 0.5 * dt_s * dt_s
     moved = x[CLIMB] * dt_s + dh - x[ACCEL] * half
     shear(P, OFFSET, RATE, dt_s)

@@ -50,7 +50,7 @@ from companion.kernels.attitude import attitude_gnss
 from companion.samples import Record, Rows
 
 FIX_INTERVAL_S = 0.2
-"""Fixes that come faster share the evidence of this time."""
+"""Fixes that come faster share the log-likelihood of one fix in this time."""
 FASTEST_CLIMB_MPS = 200.0
 
 
@@ -82,8 +82,8 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
 
 @step
 def hear_fix(state: Rows, params: Rows, sample: Rows, fix_m: float, late_s: float) -> None:
-    """A fix of the receiver in use, which says the height `fix_m` of now: suppose what would explain
-    it, fuse."""
+    """A fix of the receiver in use, which says the height `fix_m` of now: suppose what would
+    explain it, fuse."""
     s, p = state[0], params[0]
     s.bank.H[GNSS_BIAS] = 1.0
     elapsed_s = (s.bank.now_us - s.gnss.used_us) * 1e-6 if s.gnss.seen == 1 else FIX_INTERVAL_S

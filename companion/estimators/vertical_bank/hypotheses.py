@@ -1,19 +1,21 @@
 """How hypotheses about faults begin and end.
 
-====================  ==================================================  ===================  ========================
-mode (slots)          begins                                              rate                 ends
-====================  ==================================================  ===================  ========================
-weather (3)           from the start                                      one change in 20 min never
-GNSS wrong (4)        a fix surprises: g unknown (jump);                  .1 /h                a jump by a jump only,
-                      every 10 s: g slides                                .03 /h               a slide in minutes
-barometer wrong (3)   a height surprises: o unknown (jump);               .1 /h                in 20 s, o is kept
-                      every 10 s: o slides; after an outage of GNSS:
-                      o and h unknown, their sum known                    .03 or .003 in all
-IMU wrong (1)         either surprises; between fixes far apart           .1 /h; blind 60 /h   in 30 s; 5 s
-                      o and h unknown, their sum known
-both wrong (2)        the other sensor surprises                          as each              as each
-GNSS returned (2)     from GNSS wrong: g as of a receiver that is well    see ends             in 20 s, to weather
-====================  ==================================================  ===================  ========================
+===================  ========================================  ===========  ======================
+mode (slots)         begins                                    rate         ends
+===================  ========================================  ===========  ======================
+weather (3)          from the start                            1 in 20 min  never
+GNSS wrong (4)       a fix surprises: g unknown (jump);        .1 /h        a jump by a jump only,
+                     every 10 s: g slides                      .03 /h       a slide in minutes
+barometer wrong (3)  a height surprises: o unknown (jump);     .1 /h        in 20 s, o is kept
+                     every 10 s: o slides;
+                     after an outage of GNSS:
+                     o and h unknown, their sum known          .03 or .003
+IMU wrong (1)        either surprises;                         .1 /h        in 30 s
+                     between fixes far apart                   60 /h        5 s
+                     o and h unknown, their sum known
+both wrong (2)       the other sensor surprises                as each      as each
+GNSS returned (2)    from GNSS wrong: g as of a good receiver  see ends     in 20 s, to weather
+===================  ========================================  ===========  ======================
 
 A fault is supposed before the measurement that surprises is fused, from the most probable
 hypothesis, with the rate times the time since the last measurement of that sensor as its prior. The

@@ -54,7 +54,7 @@ from companion.samples import Rows
 LOWEST_PA, HIGHEST_PA = 1_000.0, 120_000.0
 SILENT_US = 2_000_000
 BARO_INTERVAL_S = 0.1
-"""Barometer heights that come faster share the evidence of this time."""
+"""Barometer heights that come faster share the log-likelihood of one in this time."""
 
 
 @step

@@ -18,134 +18,148 @@ class VerticalBankSettings(EstimatorSettings):
     """Section ``estimators.vertical-bank``. A spread of 0 switches its error term off."""
 
     integrity: bool = True
-    """Whether faults of sensors are supposed; false: everything plausible is used"""
+    """whether sensor faults are hypothesised; false: every plausible measurement is used"""
     vehicle_attitude: bool = False
-    """Whether the autopilot's attitude is preferred while it agrees with our own (an EKF's is wild
-    while it starts and when jammed)"""
+    """whether the autopilot's attitude is preferred while it agrees with our own (an EKF's attitude
+    is wrong while it starts and while GNSS is jammed)"""
     accel_noise_mps2_rthz: float = Field(0.05, gt=0, le=10)
-    """Noise density of the upward acceleration, vibration and attitude included (consumer IMU)"""
+    """noise density of the upward acceleration, vibration and attitude included (consumer IMU)"""
     blind_psd_m2ps3: float = Field(10.0, gt=0, le=1e4)
-    """Spectral density of the vehicle's acceleration without a usable IMU (a light aircraft's
+    """spectral density of the vehicle's acceleration without a usable IMU (a light aircraft's
     manoeuvre: 4.4 m/s2 for 2 s)"""
     tilt_ratio: float = Field(0.3, ge=0, le=10)
-    """Share of the attitude's spread that becomes noise while the horizontal force changes"""
+    """share of the attitude's spread that becomes noise while the horizontal force changes"""
     accel_bias_sd_mps2: float = Field(0.2, ge=0, le=10)
-    """Bias of a consumer accelerometer after warm-up, with a tilt of some degrees"""
+    """standard deviation of the accelerometer's bias: a consumer part after warm-up, with a tilt of
+    some degrees"""
     accel_bias_walk_mps2_rts: float = Field(2e-3, ge=0, le=1)
-    """Random walk of the accelerometer bias"""
+    """random walk of the accelerometer bias"""
     offset_sd_m: float = Field(100.0, gt=0, le=10_000)
-    """Barometer's slow error at sea level at the start: 12 hPa of weather"""
+    """standard deviation at the start of the barometer's slow error at sea level; 100 m is 12 hPa
+    of weather"""
     offset_walk_m_rts: float = Field(0.05, ge=0, le=10)
-    """Random walk of the barometer's slow error: 3 m in an hour, half of it the slope of pressure
+    """random walk of the barometer's slow error: 3 m in an hour, half of it the slope of pressure
     en route (4 m per 100 km)"""
     rate_sd_mps: tuple[Spread, Spread, Spread] = (0.003, 0.03, 0.25)
-    """Drift rate of the barometer's error in calm, fair and stormy weather (a year of METARs has
-    4.7 m/h sd, 31 m/h at most; a jump line 25 m in minutes)"""
+    """standard deviation of the drift rate of the barometer's error in calm, fair and stormy
+    weather (a year of METARs has 4.7 m/h sd, 31 m/h at most; a jump line 25 m in minutes)"""
     rate_time_s: tuple[Positive, Positive, Positive] = (1800.0, 600.0, 600.0)
-    """Correlation time of the drift rate in each weather"""
+    """correlation time of the drift rate in each weather"""
     weather_prior: tuple[Share, Share, Share] = (0.94, 0.05, 0.01)
-    """Share of time with each weather"""
+    """share of time with calm, fair and stormy weather"""
     switching_s: float = Field(1200.0, gt=0, le=1e6)
-    """Time for which the weather stays of one kind"""
+    """mean time for which the weather stays of one kind"""
     fast_sd_m: float = Field(1.5, ge=0, le=100)
-    """Barometer's fast error: gusts over the static port, sensor wander"""
+    """standard deviation of the barometer's fast error: gusts over the static port, sensor
+    wander"""
     fast_time_s: float = Field(60.0, gt=0, le=1e5)
-    """Correlation time of the barometer's fast error"""
+    """correlation time of the barometer's fast error"""
     scale_sd_ratio: float = Field(0.05, ge=0, le=1)
-    """Change of the barometer's error with height: a column 15 K from standard"""
+    """standard deviation of the change of the barometer's error with height; 0.05 is a column 15 K
+    from standard"""
     scale_walk_rts: float = Field(1e-4, ge=0, le=1)
-    """Random walk of that ratio: 0.7 % from one layer of 250 m to the next"""
+    """random walk of the change of the barometer's error with height; 0.0001 is 0.7 % from one
+    layer of 250 m to the next"""
     port_sd_ratio: float = Field(0.15, ge=0, le=10)
-    """Static port error as a share of dynamic pressure (0.10-0.17 on four light aircraft)"""
+    """standard deviation of the static port error, as a share of dynamic pressure (0.10-0.17 on
+    four light aircraft)"""
     wind_sd_mps: float = Field(5.0, ge=0, le=100)
-    """Error of the speed that the static port is computed from: wind beside a ground speed, age of an airspeed"""
+    """standard deviation of the speed from which the static port error is computed: wind beside a
+    ground speed, age of an airspeed"""
     lift_sd_m: float = Field(8.0, ge=0, le=1000)
-    """Barometer error that comes with lift-off (10-13 m on three of four light aircraft)"""
+    """standard deviation of the barometer error that comes with lift-off (10-13 m on three of four
+    light aircraft)"""
     lift_speed_mps: float = Field(28.0, gt=0, le=1000)
-    """Airspeed from which the lift-off error is whole, quadratic below"""
+    """airspeed from which the lift-off error is complete; below, it grows with the square of the
+    airspeed"""
     lag_sd_s: float = Field(1.0, ge=0, le=10)
-    """Delay of the barometer behind GNSS (0.5-1.2 s of avionics, 0.1 s of a MEMS part)"""
+    """standard deviation of the barometer's delay behind GNSS (0.5-1.2 s of avionics, 0.1 s of a
+    MEMS part)"""
     timing_sd_s: float = Field(0.3, ge=0, le=10)
-    """Jitter of time stamps: noise of a height in proportion to climb"""
+    """standard deviation of the jitter of time stamps; a height errs by it times the climb"""
     known_qnh_sd_pa: float = Field(100.0, gt=0, le=10_000)
-    """Spread of a QNH that is given (section `air`): rounded down to a hectopascal, of another
-    place"""
+    """standard deviation of a QNH that is given (section `air`): rounded down to a hectopascal, of
+    another place"""
     known_temperature_sd_k: float = Field(5.0, gt=0, le=100)
-    """Spread of the column's mean temperature about an air temperature that is given"""
+    """standard deviation of the column's mean temperature about an air temperature that is given"""
     known_elevation_sd_m: float = Field(1.0, gt=0, le=100)
-    """Spread of a field elevation that is given: sensors sit up to 3 m above the ground"""
+    """standard deviation of a field elevation that is given: sensors sit up to 3 m above the
+    ground"""
     baro_sd_m: float = Field(0.5, gt=0, le=100)
-    """White noise of the barometer height; more when the stream shows more"""
+    """standard deviation of the barometer height's white noise; more while the measurements show
+    more"""
     gnss_time_s: float = Field(250.0, gt=0, le=1e5)
-    """Correlation time of the slow GNSS height error"""
+    """correlation time of the slow GNSS height error"""
     gnss_slow_floor_m: float = Field(2.5, ge=0, le=100)
-    """Least slow GNSS error of a plain 3D fix, whatever accuracy is reported"""
+    """least standard deviation of the slow GNSS error of a plain 3D fix, whatever accuracy is
+    reported"""
     gnss_white_floor_m: float = Field(0.6, gt=0, le=100)
-    """Least white noise of the height of a plain 3D fix"""
+    """least standard deviation of the white noise of the height of a plain 3D fix"""
     gnss_sd_unknown_m: float = Field(10.0, gt=0, le=1000)
-    """Spread of a receiver that reports no accuracy"""
+    """standard deviation of the height of a receiver that reports no accuracy"""
     gnss_climb_sd_mps: float = Field(0.6, gt=0, le=100)
-    """Spread of a GNSS climb: more than its noise, as its errors last for seconds"""
+    """standard deviation of a GNSS climb: more than its noise, as its errors last for seconds"""
 
     tempering_ratio: float = Field(0.3, gt=0, le=1)
-    """Share of a measurement's log-likelihood that moves the probabilities: real errors are
+    """share of a measurement's log-likelihood that updates the mode probabilities: real errors are
     correlated"""
     fault_rate_per_h: float = Field(0.1, gt=0, le=100)
-    """Rate of sudden faults of a sensor (several per ten flight hours in public logs)"""
+    """rate of sudden faults of a sensor (several per ten flight hours in public logs)"""
     slide_rate_per_h: float = Field(0.03, gt=0, le=100)
-    """Rate of slow faults (spoofing, blocked ports)"""
+    """rate of slow faults (spoofing, blocked ports)"""
     gnss_jump_m: float = Field(200.0, gt=0, le=1e5)
-    """Size of a sudden GNSS fault"""
+    """standard deviation of a sudden GNSS fault"""
     slide_sd_mps: float = Field(1.0, gt=0, le=100)
-    """Rate of a slow GNSS fault"""
+    """standard deviation of the rate of a slow GNSS fault"""
     slide_time_s: float = Field(300.0, gt=0, le=1e5)
-    """Correlation time of that rate"""
+    """correlation time of the rate of a slow GNSS fault"""
     slide_end_s: float = Field(1800.0, gt=0, le=1e6)
-    """Duration of a slow GNSS fault"""
+    """mean duration of a slow GNSS fault"""
     jump_time_s: float = Field(3600.0, gt=0, le=1e6)
-    """Time after which a GNSS jump that was not reversed may yet have ended"""
+    """mean time after which a GNSS jump that was not reversed has ended"""
     rejump_rate_per_h: float = Field(30.0, gt=0, le=1e4)
-    """Rate of further jumps of a sensor that is wrong, the one that ends the fault among them"""
+    """rate of further jumps of a faulty sensor, the one that ends the fault among them"""
     slide_onset_m: float = Field(5.0, gt=0, le=1000)
-    """Size of a slow fault when it is first supposed"""
+    """standard deviation of a slow fault's size when it is first hypothesised"""
     baro_jump_m: float = Field(60.0, gt=0, le=1e5)
-    """Size of a sudden barometer fault"""
+    """standard deviation of a sudden barometer fault"""
     baro_fault_rate_mps: float = Field(1.0, gt=0, le=100)
-    """Drift rate of a barometer that is wrong"""
+    """standard deviation of the drift rate of a faulty barometer"""
     baro_fault_rate_time_s: float = Field(60.0, gt=0, le=1e5)
-    """Correlation time of that rate"""
+    """correlation time of the drift rate of a faulty barometer"""
     baro_fault_walk_m_rts: float = Field(0.3, ge=0, le=100)
-    """Random walk of the offset of a barometer that is wrong"""
+    """random walk of the offset of a faulty barometer"""
     baro_fault_time_s: float = Field(20.0, gt=0, le=1e5)
-    """Duration of a barometer fault; its offset stays"""
+    """mean duration of a barometer fault; its offset stays"""
     outage_fault_m: float = Field(300.0, gt=0, le=1e5)
-    """Size of a barometer fault that was unseen during a GNSS outage"""
+    """standard deviation of a barometer fault that was not observable during a GNSS outage"""
     outage_fault_probabilities: tuple[Share, Share] = (0.03, 0.003)
-    """Probability of such a fault, without and with an IMU"""
+    """probability of a barometer fault during a GNSS outage, without and with an IMU"""
     imu_fault_time_s: float = Field(30.0, gt=0, le=1e5)
-    """Duration of an IMU fault"""
+    """mean duration of an IMU fault"""
     manoeuvre_time_s: float = Field(5.0, gt=0, le=1e5)
-    """Duration of an unusual manoeuvre"""
+    """mean duration of an unusual manoeuvre"""
     manoeuvre_rate_per_h: float = Field(60.0, gt=0, le=1e5)
-    """Rate of unusual manoeuvres, which matter without an IMU"""
+    """rate of unusual manoeuvres, which matter without an IMU"""
     manoeuvre_mps: float = Field(5.0, gt=0, le=1000)
-    """Unexplained climb when an unusual manoeuvre is first supposed"""
+    """standard deviation of the unexplained climb when an unusual manoeuvre is first
+    hypothesised"""
     manoeuvre_ratio: float = Field(10.0, ge=1, le=1000)
-    """Spectral density of the acceleration in an unusual manoeuvre, over `blind_psd_m2ps3`"""
+    """spectral density of the acceleration in an unusual manoeuvre, over `blind_psd_m2ps3`"""
     start_climb_mps: float = Field(30.0, gt=0, le=1000)
-    """Spread of the climb at the start and after a long silence"""
+    """standard deviation of the climb at the start and after a long silence"""
 
     attribution_probability: float = Field(0.9, gt=0.5, lt=1)
-    """Probability of a sensor's faulty modes from which the sensor is named and excluded"""
+    """probability of a sensor's faulty modes from which the sensor is named and excluded"""
     integrity_risk_probability: float = Field(1e-3, gt=0, lt=1)
-    """Chance that the error exceeds the protection level within an hour"""
+    """chance that the error exceeds the protection level within an hour"""
 
     def derived(self) -> Mapping[str, Any]:
         return {"crossings_per_h": 2.0 * 3600.0 / (math.sqrt(math.tau) * self.gnss_time_s)}
 
 
 def crossing_sigma(rate_per_h: float, time_s: float) -> float:
-    """The level k that an error with this correlation time exceeds so often, in sigma; NaN for a
+    """the level k that an error with this correlation time exceeds so often, in sigma; NaN for a
     rate of 1 and more.
 
     A Gauss-Markov process leaves +-k at the rate 2 k / (sqrt(2 pi) tau) exp(-k^2 / 2), for k well

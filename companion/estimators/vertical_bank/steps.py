@@ -5,7 +5,8 @@ hypotheses about the weather and about faults of sensors.
 calm, fair and stormy weather; a wrong receiver, a wrong barometer, a wrong IMU, and what follows.
 Measurements move their probabilities (`mixture`); the estimate is the mean of the mixture, the
 protection level its tail (`protection`), and a sensor is excluded while the hypotheses that it is
-wrong are probable (`attribution`). Where the evidence does not decide, the spread grows by itself.
+wrong are probable (`attribution`). Where the measurements do not decide, the spread grows by
+itself.
 
 Each fix and each barometer height goes the same way: place it in time, predict, suppose the faults
 that would explain a surprise, fuse, let hypotheses change into each other, publish. All channels

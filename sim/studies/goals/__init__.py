@@ -1,4 +1,4 @@
-"""The vertical bank held against the goals of issue 5, beside every other estimator: `kollsman-sim
+"""The vertical bank held against its goals, beside every other estimator: `kollsman-sim
 evaluate`.
 
 `SECTIONS` is the table that the command line and the tests read. A section is one module in
@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
+    from companion.jobs import Done
     from sim.studies.goals.section import SectionPage
-    from sim.studies.runs import Done
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")

@@ -36,7 +36,7 @@ SETTLED_S = 180.0
 MOVING_MPS, MOVING_S = 1.0, 15.0
 """what counts as a climb or a descent, and how long it must go on after the onset"""
 DOUBT_RATIO = 1.5
-"""a fault counts as detected when its sensor is named, or when the claimed spread is this much
+"""a fault counts as detected when its sensor is named, or when the estimated spread is this much
 wider than without it"""
 
 
@@ -120,7 +120,8 @@ class Watch:
         e = estimate[0]
         value = row[0]["pressure_pa"] if kind is Kind.PRESSURE else row[0]["altitude_amsl_m"]
         self._rows.append(
-            (self.packet_us, self.pipeline.now_us, kind, verdict, value, e["altitude_amsl_m"], e["altitude_sd_m"],
+            (self.packet_us, self.pipeline.now_us, kind, verdict, value, e["altitude_amsl_m"],
+             e["altitude_sd_m"],
              e["protection_level_m"], e["faulty"], e["faulty_since_us"])
         )  # fmt: skip
 

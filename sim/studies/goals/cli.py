@@ -19,15 +19,19 @@ Examples:
 def evaluate(
     sections: Annotated[
         list[str] | None,
-        typer.Argument(help="Default: all; the index is made in any case.", metavar="[SECTION]..."),
+        typer.Argument(
+            help="Sections to evaluate. Default: all; the index is always written.",
+            metavar="[SECTION]...",
+        ),
     ] = None,
     *,
     seeds: Annotated[
         int | None,
-        typer.Option(min=2, help="Monte-Carlo runs. Default: each section's own number."),
+        typer.Option(min=2, help="Number of Monte-Carlo runs. Default: each section's own."),
     ] = None,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes. Default: one a core.", metavar="N")
+        int | None,
+        typer.Option(min=1, help="Number of processes. Default: one for each core.", metavar="N"),
     ] = None,
     data: Annotated[
         Path | None,
@@ -42,14 +46,8 @@ def evaluate(
         "out/evaluation"
     ),
 ) -> None:
-    """Hold the vertical bank against its goals, beside every other estimator: one page a section,
-    and an index."""
-    from rich.console import Console
-    from rich.progress import Progress as ProgressBar
-    from rich.progress import TaskID
-
-    from sim.studies.goals.section import Index, summary
-
+    """Measure the vertical bank against its goals, beside every other estimator: one page for each
+    section, and an index."""
     unknown = [key for key in sections or [] if key not in SECTIONS]
     if unknown:
         print(
@@ -57,18 +55,29 @@ def evaluate(
             file=sys.stderr,
         )
         raise typer.Exit(2)
+    _write(
+        list(dict.fromkeys(sections or SECTIONS)), seeds, workers or os.cpu_count() or 1, data, out
+    )
+
+
+def _write(keys: list[str], seeds: int | None, workers: int, data: Path | None, out: Path) -> None:
+    """Evaluate the sections, write their pages and the index, and print a line for each."""
+    from rich.console import Console
+    from rich.progress import Progress as ProgressBar
+    from rich.progress import TaskID
+
+    from sim.studies.goals.section import Index, summary
+
     console = Console(stderr=True)
     with ProgressBar(console=console, transient=True, disable=not console.is_terminal) as bar:
-        for key in dict.fromkeys(sections or SECTIONS):
+        for key in keys:
             task = bar.add_task(key, total=1.0)
 
             def report(fraction: float, what: str, task: TaskID = task, key: str = key) -> None:
                 bar.update(task, completed=fraction, description=f"{key}: {what}")
 
-            context = Context(
-                seeds or SECTIONS[key].seeds, workers or os.cpu_count() or 1, data, out, report
-            )
-            page = SECTIONS[key].evaluate(context)
+            section = SECTIONS[key]
+            page = section.evaluate(Context(seeds or section.seeds, workers, data, out, report))
             path = page.write()
             report(1.0, "done")
             print(f"{key}  {path}: {summary(page.rows)}")

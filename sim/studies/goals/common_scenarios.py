@@ -75,7 +75,8 @@ SCENARIOS: dict[str, Scenario] = {scenario.key: scenario for scenario in _SCENAR
 
 @dataclass(frozen=True)
 class Drawn:
-    """One flight: truth, raw heights and fixes at the barometer's samples, and the sensors' tables."""
+    """One flight: truth, raw heights and fixes at the barometer's samples, and the sensors'
+    tables."""
 
     elapsed_s: Array
     height_m: Array

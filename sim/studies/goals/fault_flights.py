@@ -2,7 +2,7 @@
 follows its barometer.
 
 The flights are ArduPilot-like: that flavour's messages, and a receiver that errs as ArduPilot's
-SITL lets it (two slow swings of the height, no noise, an accuracy claimed that knows nothing of
+SITL lets it (two slow swings of the height, no noise, a reported accuracy that does not contain
 them). A flight is flown once and its log corrupted by `sim.faults`, as ``kollsman-sim corrupt``
 does. The simulated autopilot's own height in the log does not know of faults on packets; so
 `sim.vehicle.own_estimate.OwnEstimate` is run again on the faulty samples: height by the barometer,
@@ -35,8 +35,8 @@ Row = dict[str, Any]
 ESTIMATOR = DEFAULT_ESTIMATOR
 BASE = "calm-circuit"
 SITL_RECEIVER = {
-    "height_white_sd_m": 0.1, "height_wander_sd_m": 0.0, "accuracy": "stuck", "stuck_accuracy_m": 0.3, "fix": 6,
-    "latency_s": 0.15, "latency_jitter_s": 0.05,
+    "height_white_sd_m": 0.1, "height_wander_sd_m": 0.0, "accuracy": "stuck",
+    "stuck_accuracy_m": 0.3, "fix": 6, "latency_s": 0.15, "latency_jitter_s": 0.05,
 }  # fmt: skip
 SITL_SWINGS = (
     "swing:quantity=gnss_height,size=1,period_s=12.566",
@@ -61,18 +61,22 @@ class FaultFlight:
 FLIGHTS = (
     FaultFlight("healthy", "none"),
     FaultFlight("hot day, QNH 7 hPa off", "barometer", hot=True),
-    FaultFlight("barometer noise x 15", "barometer", ("noise:quantity=pressure,sd=36,start_s=200",)),
+    FaultFlight("barometer noise x 15", "barometer",
+                ("noise:quantity=pressure,sd=36,start_s=200",)),
     FaultFlight("barometer +40 m for 300 s", "barometer", (
         "step:quantity=pressure_altitude,size=40,start_s=400,duration_s=300",)),
     FaultFlight("barometer -30 m for 300 s", "barometer", (
         "step:quantity=pressure_altitude,size=-30,start_s=400,duration_s=300",)),
-    FaultFlight("barometer frozen for 60 s in the climb", "barometer", ("freeze:start_s=300,duration_s=60",)),
+    FaultFlight("barometer frozen for 60 s in the climb", "barometer",
+                ("freeze:start_s=300,duration_s=60",)),
     FaultFlight("barometer dead (repeats its value)", "barometer", ("freeze:start_s=400",)),
     FaultFlight("barometer silent", "barometer", ("drop:message=SCALED_PRESSURE,start_s=400",)),
     FaultFlight("barometer 150 ms late", "barometer", ("lag:lag_s=0.15",)),
-    FaultFlight("GNSS +60 m for 180 s", "gnss", ("step:quantity=gnss_height,size=60,start_s=400,duration_s=180",)),
+    FaultFlight("GNSS +60 m for 180 s", "gnss",
+                ("step:quantity=gnss_height,size=60,start_s=400,duration_s=180",)),
     FaultFlight("GNSS outage of 90 s", "gnss", ("outage:start_s=400,duration_s=90",)),
-    FaultFlight("GNSS 3 satellites for 120 s", "gnss", ("two_dimensional:start_s=400,duration_s=120",)),
+    FaultFlight("GNSS 3 satellites for 120 s", "gnss",
+                ("two_dimensional:start_s=400,duration_s=120",)),
     FaultFlight("GNSS jammed for 120 s", "gnss", ("jamming:start_s=400,duration_s=120",)),
 )  # fmt: skip
 
@@ -87,7 +91,8 @@ def scenario(*, hot: bool) -> Scenario:
     }
     if hot:
         changed["weather"] = {
-            "pressure": [{"time_s": 0, "sea_level_hpa": 1006.25}], "temperature": [{"time_s": 0, "offset_k": 20}],
+            "pressure": [{"time_s": 0, "sea_level_hpa": 1006.25}],
+            "temperature": [{"time_s": 0, "offset_k": 20}],
         }  # fmt: skip
     return Scenario.model_validate(base.model_dump() | changed)
 

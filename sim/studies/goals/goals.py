@@ -1,4 +1,4 @@
-"""What the vertical bank is held against: the goals of issue 5, and how a measured row is judged by
+"""What the vertical bank is held against: its goals, and how a measured row is judged by
 its limits."""
 
 import math
@@ -92,9 +92,10 @@ _GOALS = (
     Goal(
         "protection",
         "protection",
-        "protection level, 1000 h at sensor level and 20 h of JSBSim; median on jsbsim_A and jsbsim_B",
-        "exceedances at 1e-1, 1e-2, 1e-3 an hour within 95 % Poisson of what is allocated and not below a tenth; "
-        "median <= 25 m",
+        "protection level, 1000 h at sensor level and 20 h of JSBSim; median on jsbsim_A and "
+        "jsbsim_B",
+        "exceedances at 1e-1, 1e-2, 1e-3 an hour within 95 % Poisson of what is allocated and not "
+        "below a tenth; median <= 25 m",
     ),
     Goal(
         "cost",

@@ -1,4 +1,5 @@
-"""Copies of recorded or flown samples with something changed: what the estimator gets, not the log."""
+"""Copies of recorded or flown samples with something changed: what the estimator gets, not the
+log."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -2,7 +2,7 @@
 says they are.
 
 The barometer's error drifts at a rate that is Gauss-Markov with the spread of the weather's kind,
-which changes as the bank believes; GNSS wanders and is noisy as its claimed spread is split. Height
+which changes as the bank assumes; GNSS wanders and is noisy as its reported spread is split. Height
 climbs and descends in ramps. Attitude is level. Same seed, same flight.
 """
 
@@ -176,7 +176,8 @@ def fly(made: Hour, settings: VerticalBankSettings | None = None) -> tuple[Rows,
 
 
 def table_at(kind: Kind, elapsed_s: Array) -> Rows:
-    """Rows of `kind` measured at `elapsed_s` and arriving `AGE_US` later; everything else unknown."""
+    """Rows of `kind` measured at `elapsed_s` and arriving `AGE_US` later; everything else
+    unknown."""
     table = np.asarray(rows(DTYPES[kind], elapsed_s.size))
     table["time_us"] = np.round((elapsed_s + START_S) * 1e6).astype(np.int64)
     table["arrival_us"] = table["time_us"] + AGE_US[kind]

@@ -83,7 +83,8 @@ _PAPERS = (
     ),
     Paper(
         key="K",
-        title="Design and Implementation of GA Filter Algorithm for Baro-inertial Altitude Error Compensation",
+        title="Design and Implementation of GA Filter Algorithm for Baro-inertial Altitude Error "
+        "Compensation",
         citation="J. Keighobadi, H. Nourmohammadi, S. Rafatnia",
         module="damping_loop",
         estimators=("damping-loop", "baro-ins-kf"),

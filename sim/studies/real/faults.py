@@ -17,6 +17,7 @@ from companion.estimators import DEFAULT_ESTIMATOR, ESTIMATORS, run_log
 from companion.evaluation.metrics import Array, truth_at
 from companion.evaluation.published import Published, published
 from companion.health import Health
+from companion.jobs import Row
 from companion.kernels.atmosphere import baro_altitude_array
 from companion.samples import DTYPES, FaultySensor, Kind, Rows, SampleLog, rows
 from companion.settings import CompanionSettings
@@ -24,7 +25,6 @@ from sim.studies.goals.sensor_level import pressure_pa
 from sim.studies.real import source_of
 from sim.studies.real.matrix import WRONG_M, error_of, recording, warm
 from sim.studies.real.recording import HOST_EPOCH_US, Plan
-from sim.studies.runs import Row
 
 IMU_HZ = (0, 2, 50)
 BEFORE_S, AFTER_S = 300.0, 120.0
@@ -159,7 +159,8 @@ class Window:
 
 
 def windows(paths: Sequence[Path], count: int) -> Iterator[Window]:
-    """`count` onsets, evenly over each recording without a receiver of its own, at each IMU rate."""
+    """`count` onsets, evenly over each recording without a receiver of its own, at each IMU
+    rate."""
     for path, imu_hz, number in product(paths, IMU_HZ, range(count)):
         source = source_of(path)
         if source is not None and not source.own_gnss:

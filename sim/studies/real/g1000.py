@@ -36,7 +36,8 @@ LATENCY_US = 120_000
 TICKS = {"pressure": 5, "gnss": 10, "second": 50}
 ACCEL_BIAS_MPS2, GYRO_BIAS_RADPS, ACCEL_SD_MPS2, GYRO_SD_RADPS = 0.08, 0.003, 0.05, 0.005
 NUMBERS = (
-    "Latitude", "Longitude", "AltMSL", "BaroA", "OAT", "IAS", "GndSpd", "TRK", "HDG", "Pitch", "Roll", "AltB", "AltInd",
+    "Latitude", "Longitude", "AltMSL", "BaroA", "OAT", "IAS", "GndSpd", "TRK", "HDG", "Pitch",
+    "Roll", "AltB", "AltInd",
 )  # fmt: skip
 NEEDED = ("Latitude", "Longitude", "AltMSL", "BaroA")
 

@@ -83,7 +83,8 @@ class GaussMarkovError(GnssError):
 
 @dataclass(frozen=True)
 class RecordedError(GnssError):
-    """What a stationary receiver did: times (s) from 0, height errors (m) and reports, shape (m,)."""
+    """What a stationary receiver did: times (s) from 0, height errors (m) and reports, shape
+    (m,)."""
 
     path: Path
     number: int

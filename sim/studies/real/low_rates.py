@@ -5,11 +5,12 @@ from typing import NamedTuple
 
 from companion.estimators import DEFAULT_ESTIMATOR
 from companion.evaluation.samples import samples_of
+from companion.jobs import Row
 from companion.samples import Kind, SampleLog
 from sim.scenario import Scenario, load_scenario, scenario_paths
 from sim.studies.goals.samples import copy, sample_times, thinned
 from sim.studies.real.matrix import measures, warm
-from sim.studies.runs import Row, flown
+from sim.studies.runs import flown
 
 IMU_HZ = (0, 1, 2, 5)
 

@@ -22,12 +22,12 @@ from companion.evaluation.integrity import coverage, protection
 from companion.evaluation.metrics import Array, errors, truth_at
 from companion.evaluation.published import Published, longest_s, published, share_sent
 from companion.health import Health
+from companion.jobs import Row
 from companion.samples import Kind, SampleLog
 from companion.settings import CompanionSettings
 from sim.studies.real import source_of
 from sim.studies.real.gnss_errors import GaussMarkovError, GnssError, RecordedError, stationary
 from sim.studies.real.recording import Plan, Recording
-from sim.studies.runs import Row
 
 IMU_HZ = (0, 1, 2, 5, 10, 25, 50)
 COMPARED_HZ = (0, 50)

@@ -16,7 +16,8 @@ Array = NDArray[np.float64]
 
 HOST_EPOCH_US = 1_700_000_000_000_000
 WITHIN_TICK_US = {
-    Kind.STATUS: 1, Kind.AIR: 2, Kind.AIRSPEED: 3, Kind.IMU: 4, Kind.PRESSURE: 5, Kind.ATTITUDE: 6, Kind.GNSS: 7,
+    Kind.STATUS: 1, Kind.AIR: 2, Kind.AIRSPEED: 3, Kind.IMU: 4, Kind.PRESSURE: 5, Kind.ATTITUDE: 6,
+    Kind.GNSS: 7,
 }  # fmt: skip
 """Order in which an autopilot's messages of one instant arrive."""
 

@@ -1,4 +1,5 @@
-"""The checker: what the sensors support is published, what they do not is not, whoever estimates."""
+"""The checker: what the sensors support is published, what they do not is not, whoever
+estimates."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -137,7 +138,8 @@ def test_an_altitude_that_follows_a_gnss_step_is_not_supported(
 def test_an_altitude_that_follows_a_barometer_step_is_not_supported(
     seed: int, size_m: float, sign: float, at_s: float
 ) -> None:
-    """One that stays right is supported, but for the first second while nothing says whose it is."""
+    """One that stays right is supported, but for the first second while nothing says whose it
+    is."""
     fault = step(at_s, sign * size_m)
     kept = published(play(seed, at_s + 60.0, baro, baro_fault=fault))
     assert max(abs(error_m) for _, error_m in kept) < 50.0

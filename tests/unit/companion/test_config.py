@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import Field
 
-from companion.config import Settings, dump, load, range_of, unit_of, validate
+from companion.config import Settings, dump, load, validate
+from companion.config.fields import range_of, unit_of
 from companion.errors import ConfigError, KollsmanError
 
 

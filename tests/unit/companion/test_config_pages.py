@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from companion import cli
-from companion.config import keys
+from companion.config.fields import keys
 from companion.settings import CompanionSettings, load_settings
 from sim.faults import FAULTS
 from sim.scenario_keys import page
@@ -26,6 +26,29 @@ def test_every_key_of_a_scenario_says_what_it_means() -> None:
     rows = [line.split(" | ") for line in page().splitlines() if line.startswith("| `")]
     assert len(rows) > 200
     assert [cells[0] for cells in rows if not cells[-1].strip(" |")] == []
+
+
+def test_every_description_names_its_quantity_first() -> None:
+    """A description can be read alone: it does not begin in the middle of a sentence."""
+    fragments = {
+        "and",
+        "how",
+        "it",
+        "its",
+        "less",
+        "more",
+        "of",
+        "such",
+        "that",
+        "this",
+        "...",
+    }
+    of_the_service = [(key, meaning) for key, _, _, _, meaning in keys(CompanionSettings)]
+    rows = [line.split(" | ") for line in page().splitlines() if line.startswith("| `")]
+    of_scenarios = [(cells[0], cells[-1].strip(" |")) for cells in rows]
+    for key, meaning in of_the_service + of_scenarios:
+        assert meaning.split()[0].lower() not in fragments, f"{key}: {meaning}"
+        assert meaning.count("...") == 0, f"{key}: {meaning}"
 
 
 def test_what_is_per_kelvin_is_no_kelvin() -> None:

@@ -97,7 +97,8 @@ def test_it_begins_lost_and_recovers_after_two_seconds() -> None:
         ({"sd_m": 30.1}, 0.0, LOST, "altitude uncertain by 30 m"),
         ({"stale": True}, 5.0, LOST, "no usable height for 5 s"),
         ({"pressure": None, "gnss": None}, 5.0, LOST, "no usable height for 5 s"),
-        ({"pressure": Verdict.INVALID, "gnss": Verdict.INVALID}, 5.0, LOST, "no usable height for 5 s"),
+        ({"pressure": Verdict.INVALID, "gnss": Verdict.INVALID}, 5.0, LOST, "no usable height for "
+            "5 s"),
         ({"altitude_m": math.nan}, 0.0, LOST, "no altitude yet"),
         ({"altitude_m": math.inf}, 0.0, LOST, "no altitude yet"),
         ({"sd_m": math.nan}, 0.0, LOST, "no altitude yet"),

@@ -197,7 +197,8 @@ results = {}
 for name, method in ESTIMATORS.items():
     estimates, verdicts, state = run_log(method, log)
     results |= {f"{name} estimates": np.frombuffer(np.array(estimates).tobytes(), np.uint8),
-                f"{name} verdicts": np.array(verdicts), f"{name} state": np.frombuffer(state.tobytes(), np.uint8)}
+                f"{name} verdicts": np.array(verdicts),
+                f"{name} state": np.frombuffer(state.tobytes(), np.uint8)}
 np.savez(sys.argv[1], **results)
 """
 

@@ -9,7 +9,8 @@ import pytest
 import yaml
 from pydantic import BaseModel
 
-from companion.config import dump, unit_of
+from companion.config import dump
+from companion.config.fields import unit_of
 from companion.errors import ConfigError
 from companion.estimators import DEFAULT_ESTIMATOR, ESTIMATORS
 from companion.settings import CompanionSettings, load_settings
@@ -38,7 +39,10 @@ def test_no_file_and_an_empty_file_are_the_defaults(tmp_path: Path) -> None:
 
 
 def test_the_resolved_configuration_reads_back_as_itself(tmp_path: Path) -> None:
-    text = "estimator: adaptive-fusion\nvehicle: {system_id: 7}\npublish: {altitude: always, altitude_hz: 25}\n"
+    text = (
+        "estimator: adaptive-fusion\nvehicle: {system_id: 7}\npublish: {altitude: always, "
+        "altitude_hz: 25}\n"
+    )
     settings = load_settings(write(tmp_path, text))
     assert settings.vehicle.system_id == 7
     assert load_settings(write(tmp_path, dump(settings))) == settings
@@ -67,7 +71,10 @@ def test_a_mistake_in_an_estimators_section_is_placed(tmp_path: Path) -> None:
     path = write(tmp_path, "estimators:\n  adaptive-fusion:\n    baro_variance_m2: -1\n")
     with pytest.raises(ConfigError) as failure:
         load_settings(path)
-    said = "estimators.adaptive-fusion.baro_variance_m2: -1 is out of range; give a number above 0, at most 1e+06 (m2)"
+    said = (
+        "estimators.adaptive-fusion.baro_variance_m2: -1 is out of range; give a number above "
+        "0, at most 1e+06 (m2)"
+    )
     assert str(failure.value) == f"{path}:3: {said}"
 
 

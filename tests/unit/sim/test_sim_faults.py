@@ -32,11 +32,12 @@ from tests.vehicle import Vehicle, highres_imu, merged, parsed, pressure, raw_im
 START_S, DURATION_S = 20.0, 15.0
 WINDOW = f"start_s={START_S},duration_s={DURATION_S}"
 PARAMETERS = {
-    "drop": "probability=0.5", "duplicate": "probability=0.3,after_s=0.5", "reorder": "probability=0.2",
-    "delay": "delay_s=0.7,jitter_s=0.3", "freeze": "sensor=imu", "spike": "size=500,probability=0.3", "step": "size=80",
-    "ramp": "rate=3,quantity=gnss_height", "noise": "sd=1,quantity=accel_z", "swapped_units": "", "outage": "",
-    "blocked_static_port": "leak_s=20", "jamming": "ramp_s=5", "spoofing": "north_mps=2", "slide": "",
-    "clock_jump": "jump_s=-5", "reboot": "", "lag": "lag_s=0.5", "two_dimensional": "",
+    "drop": "probability=0.5", "duplicate": "probability=0.3,after_s=0.5",
+    "reorder": "probability=0.2", "delay": "delay_s=0.7,jitter_s=0.3", "freeze": "sensor=imu",
+    "spike": "size=500,probability=0.3", "step": "size=80", "ramp": "rate=3,quantity=gnss_height",
+    "noise": "sd=1,quantity=accel_z", "swapped_units": "", "outage": "",
+    "blocked_static_port": "leak_s=20", "jamming": "ramp_s=5", "spoofing": "north_mps=2",
+    "slide": "", "clock_jump": "jump_s=-5", "reboot": "", "lag": "lag_s=0.5", "two_dimensional": "",
     "swing": "size=3,period_s=7,quantity=gnss_height",
 }  # fmt: skip
 

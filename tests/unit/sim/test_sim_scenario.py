@@ -1,4 +1,5 @@
-"""Scenarios: those that come with the simulator can be flown, and every mistake in one is one line."""
+"""Scenarios: those that come with the simulator can be flown, and every mistake in one is one
+line."""
 
 from pathlib import Path
 
@@ -99,7 +100,8 @@ def test_a_file_is_loaded_by_its_path(tmp_path: Path) -> None:
         (
             HEAD
             + FLIGHT
-            + "weather: {pressure: [{time_s: 5, sea_level_hpa: 1000}, {time_s: 5, sea_level_hpa: 990}]}\n",
+            + "weather: {pressure: [{time_s: 5, sea_level_hpa: 1000}, {time_s: 5, sea_level_hpa: "
+            "990}]}\n",
             "the times of the pressure ramp must increase",
         ),
         (

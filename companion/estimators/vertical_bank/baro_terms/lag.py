@@ -2,7 +2,8 @@
 
 The climb is a known regressor: the slope of the smoothed barometer height before the newest one,
 whose own noise must not be in it. The product of two estimated states would feed the errors of both
-into each other. Prior: 0 +- `lag_sd_s` (1 s; .5-1.2 found of avionics, .1 of a MEMS part). Off: `lag_sd_s` 0.
+into each other. Prior: 0 +- `lag_sd_s` (1 s; .5-1.2 found of avionics, .1 of a MEMS part). Off:
+`lag_sd_s` 0.
 """
 
 import math
@@ -28,7 +29,7 @@ def slope_mps(smooth_m: float, baro_m: float) -> float:
 
 @step
 def lag_climb_mps(slope: float, climb_mps: float) -> float:
-    """The climb that the lag is seen by: the slope, within twice the estimated climb. A slope that the
-    estimate does not share is a jump of the barometer, and one within its noise is none."""
+    """The climb that the lag is seen by: the slope, within twice the estimated climb. A slope that
+    the estimate does not share is a jump of the barometer, and one within its noise is none."""
     shown = SHOWN_RATIO * abs(climb_mps) + QUIET_MPS
     return max(-shown, min(shown, slope)) if abs(slope) > QUIET_MPS else 0.0

@@ -3,8 +3,9 @@
 As height that is k_q V^2 / (2 g), with V true airspeed. Prior: 0 +- `port_sd_ratio` (.15; .10-.17
 found on four light aircraft, reading high). Off: `port_sd_ratio` 0.
 
-A speed is known to `wind_sd_mps` (5 m/s): wind beside a ground speed, age of a measured airspeed. That
-makes an error of k_q V w / g; since no speed is heard, w grows, to V at most. It adds to the fast error.
+A speed is known to `wind_sd_mps` (5 m/s): wind beside a ground speed, age of a measured airspeed.
+That makes an error of k_q V w / g; since no speed is heard, w grows, to V at most. It adds to the
+fast error.
 """
 
 import math

@@ -14,6 +14,7 @@ import numpy as np
 from companion.config import Settings
 from companion.estimators import DEFAULT_ESTIMATOR, ESTIMATORS
 from companion.estimators.vertical_bank.settings import VerticalBankSettings
+from companion.jobs import Done
 from companion.samples import FaultySensor, Kind
 from sim.studies.goals import Context
 from sim.studies.goals.bound import Model, bound
@@ -22,11 +23,10 @@ from sim.studies.goals.goals import Measured
 from sim.studies.goals.section import SectionPage
 from sim.studies.goals.sensor_level import START_S, Array, arrange, estimates_of
 from sim.studies.page import BARO, BOUND, FUSED, GNSS, OTHER, Value
-from sim.studies.runs import Done
 
 MODEL = Model()
 BANK, AS_IT_COMES = "vertical-bank, their priors", "vertical-bank, as it comes"
-BLAMED = "names the barometer"
+EXCLUDES = "names the barometer"
 CHUNK = 5
 TRAJECTORIES = 8
 """that the bound is a mean over: it depends on a seed by the scale alone"""
@@ -94,8 +94,8 @@ def squares(key: str, seeds: Sequence[int]) -> dict[str, Array]:
             value = _mean_square(SCENARIOS[key], drawn, elapsed_s, at_baro["altitude_amsl_m"])
             found.setdefault(label, []).append(value)
             if label == BANK:
-                blamed = bool((at_baro["faulty"] == FaultySensor.BAROMETER).any())
-                found.setdefault(BLAMED, []).append(float(blamed))
+                excludes = bool((at_baro["faulty"] == FaultySensor.BAROMETER).any())
+                found.setdefault(EXCLUDES, []).append(float(excludes))
     return {label: np.array(values) for label, values in found.items()}
 
 
@@ -196,7 +196,7 @@ def _page(
     rows: list[list[Value]] = [
         [label, *(_rms(found[key][label]) for key in SCENARIOS)]
         for label in found["S1"]
-        if label != BLAMED
+        if label != EXCLUDES
     ]
     rows += [
         [f"bound, {name}", *(f"{bounds[key][i]:.2f}" for key in SCENARIOS)]
@@ -204,11 +204,14 @@ def _page(
     ]
     rows.append(
         [
-            f"{BLAMED}, % of flights",
-            *(f"{100.0 * np.mean(found[key][BLAMED]):.0f}" for key in SCENARIOS),
+            f"{EXCLUDES}, % of flights",
+            *(f"{100.0 * np.mean(found[key][EXCLUDES]):.0f}" for key in SCENARIOS),
         ]
     )
-    title = f"RMSE in m over {context.seeds} seeds (those not judged: {min(context.seeds, OTHERS_SEEDS)})"
+    title = (
+        f"RMSE in m over {context.seeds} seeds (those not judged: "
+        f"{min(context.seeds, OTHERS_SEEDS)})"
+    )
     page.grid(title, ["source", *SCENARIOS], rows)
     _figure(page, bounds)
     return page
@@ -259,10 +262,11 @@ def _figure(page: SectionPage, bounds: dict[str, tuple[float, float, Array, Arra
         axes[0].legend(ncols=5)
 
 
-_ABOUT = """The papers' common scenarios, drawn from the model whose posterior Cramer-Rao bound is known
-(`sim/evaluation/bound.py`): fixes 1 Hz with 2 m white and 4 m / 120 s Gauss-Markov error; barometer 5 Hz with 0.3 m
-white and 0.5 m / 60 s; accelerometer 0.03 m/s2 white at 5 Hz, bias 0.05, 0.01 m/s2 / 100 s; sea-level pressure known
-to 0.5 hPa at the start and drifting with 2 hPa an hour, air off by 10 K (both one sigma). The bound is a mean over the
-prior and holds for nobody's single flight. Errors count after the first minute, in S5 within the outage. Other
-estimators are as they come. S6 to S8 are held against S2, the same seeds without the fault. "Names the
-barometer" is in how many flights the bank blames the healthy barometer of S1 to S5."""
+_ABOUT = """The papers' common scenarios, drawn from the model whose posterior Cramer-Rao bound is
+known (`sim/evaluation/bound.py`): fixes 1 Hz with 2 m white and 4 m / 120 s Gauss-Markov error;
+barometer 5 Hz with 0.3 m white and 0.5 m / 60 s; accelerometer 0.03 m/s2 white at 5 Hz, bias 0.05,
+0.01 m/s2 / 100 s; sea-level pressure known to 0.5 hPa at the start and drifting with 2 hPa an
+hour, air off by 10 K (both one sigma). The bound is a mean over the prior and holds for nobody's
+single flight. Errors count after the first minute, in S5 within the outage. Other estimators are
+as they come. S6 to S8 are held against S2, the same seeds without the fault. "Names the barometer"
+is in how many flights the bank excludes the healthy barometer of S1 to S5."""

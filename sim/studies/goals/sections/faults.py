@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from companion.jobs import results
 from companion.settings import CompanionSettings
 from sim.scenario import load_scenario
 from sim.studies.goals import Context
@@ -18,7 +19,7 @@ from sim.studies.goals.fault_flights import fly as fly_faults
 from sim.studies.goals.goals import Measured
 from sim.studies.goals.section import SectionPage
 from sim.studies.page import Value
-from sim.studies.runs import flown, results
+from sim.studies.runs import flown
 
 Row = dict[str, Any]
 RECORDED = ("jsbsim_A", "jsbsim_B", "ardupilot_nominal", "ardupilot_weather")
@@ -33,7 +34,8 @@ SCENARIOS = (
 ONSETS = 6
 FASTEST_S = 1.0
 INTERVALS = 11
-"""a frozen barometer is to be named within so many of its own intervals, and no less than a second"""
+"""a frozen barometer is to be named within so many of its own intervals, and no less than a
+second"""
 SHOWN = 12
 
 
@@ -93,13 +95,13 @@ def evaluate(context: Context) -> SectionPage:
 def _attribution(page: SectionPage, tried: list[Row]) -> None:
     page.text(
         "## Attribution\n\nEach fault begins on packets (`sim.faults`) at up to "
-        f"{ONSETS} instants of a healthy flight; the estimator runs on from where it is then. Delays are from the "
-        "first faulty packet on the vehicle's clock. *Named*: the output `faulty` is the right sensor. *Wrong*: "
-        "another one was named meanwhile. *Detected*: named, or the claimed spread is "
-        f"{DOUBT_RATIO:g} times that of the same flight without the fault. *Used*: cases "
-        "in which a wrong fix was taken in after its receiver had been named. "
-        "*Misleading*: how long the error was beyond the protection level, at worst. A frozen barometer is tried in "
-        "climbs and descents of more than 1 m/s only."
+        f"{ONSETS} instants of a healthy flight; the estimator runs on from where it is then. "
+        "Delays are from the first faulty packet on the vehicle's clock. *Named*: the output "
+        "`faulty` is the right sensor. *Wrong*: another one was named meanwhile. *Detected*: "
+        f"named, or the estimated spread is {DOUBT_RATIO:g} times that of the same flight without "
+        "the fault. *Used*: cases in which a wrong fix was taken in after its receiver had been "
+        "named. *Misleading*: how long the error was beyond the protection level, at worst. A "
+        "frozen barometer is tried in climbs and descents of more than 1 m/s only."
     )
     for origin in ("recorded", "simulated"):
         members = [row for row in tried if row["origin"] == origin]
@@ -113,16 +115,19 @@ def _attribution(page: SectionPage, tried: list[Row]) -> None:
     if worst:
         page.grid(
             f"What fell short of its goal ({len(worst)} of {len(tried)}), the largest errors first",
-            ["fault", "flight", "onset (s since boot)", "named after (s)", "wrong (%)", "used", "error (m)"],
+            ["fault", "flight", "onset (s since boot)", "named after (s)", "wrong (%)", "used",
+             "error (m)"],
             [
-                [row["case"], row["flight"], f"{row['onset_s']:.2f}", _s(row["delay_s"]), 100 * row["wrong_share"],
+                [row["case"], row["flight"], f"{row['onset_s']:.2f}", _s(row["delay_s"]),
+                 100 * row["wrong_share"],
                  row["used_while_wrong"], f"{row['max_error_m']:.1f}"]
                 for row in worst[:SHOWN]
             ],
         )  # fmt: skip
 
 
-_HEAD = ["fault", "n", "named (%)", "delay mean, worst (s)", "wrong", "detected (%)", "worst (s)", "used",
+_HEAD = ["fault", "n", "named (%)", "delay mean, worst (s)", "wrong", "detected (%)", "worst (s)",
+         "used",
          "error during, after (m)", "misleading (s)"]  # fmt: skip
 
 
@@ -142,7 +147,8 @@ def _table(members: Sequence[Row]) -> Iterable[list[Value]]:
             f"{100 * np.mean(np.isfinite(detected)):.0f}",
             f"{np.nanmax(detected):.1f}" if np.isfinite(detected).any() else "",
             sum(row["used_while_wrong"] > 0 for row in rows) if "GNSS" in case.name else "",
-            f"{max(row['max_error_m'] for row in rows):.1f}, {max(row['max_error_after_m'] for row in rows):.1f}",
+            f"{max(row['max_error_m'] for row in rows):.1f}, "
+            f"{max(row['max_error_after_m'] for row in rows):.1f}",
             f"{max(row['misleading_s'] for row in rows):.1f}",
         ]
 
@@ -226,10 +232,11 @@ def _goals(origin: str, members: Sequence[Row]) -> Iterable[Measured]:
 
 def _flights(page: SectionPage, flown: list[Row]) -> None:
     page.text(
-        "## Flights with a fault\n\nArduPilot-like flights of `calm-circuit` whose log is corrupted as `kollsman-sim "
-        "corrupt` does; the receiver errs by two slow swings (1 m, 3 m) and claims 0.3 m. RMSE (mean over the seeds) "
-        "and largest error (of all seeds) in metres from one minute on. The simulated autopilot follows the faulty "
-        "barometer from an origin of one early fix, as EKF3 by default. Height above take-off counts from arming; "
+        "## Flights with a fault\n\nArduPilot-like flights of `calm-circuit` whose log is "
+        "corrupted as `kollsman-sim corrupt` does; the receiver errs by two slow swings (1 m, 3 "
+        "m) and reports 0.3 m. RMSE (mean over the seeds) and largest error (of all seeds) in "
+        "metres from one minute on. The simulated autopilot follows the faulty barometer from an "
+        "origin of one early fix, as EKF3 by default. Height above take-off counts from arming; "
         "beside it what the raw barometer has changed by since then."
     )
     groups: dict[tuple[str, str], list[Row]] = defaultdict(list)

@@ -38,8 +38,9 @@ TAKE_OFF = ("calm-circuit",)
 """scenarios that take off with a healthy barometer in weather that stays as it is; the airliners
 start aloft"""
 COLUMNS = {
-    "RMSE": "rmse_m", "95 %": "p95_m", "max": "max_m", "bias": "bias_m", "no bias": "unbiased_rmse_m",
-    "take-off": "takeoff_rmse_m", "climb": "climb_rmse_mps", "NEES": "nees", "sd": "median_sd_m",
+    "RMSE": "rmse_m", "95 %": "p95_m", "max": "max_m", "bias": "bias_m",
+    "no bias": "unbiased_rmse_m", "take-off": "takeoff_rmse_m", "climb": "climb_rmse_mps",
+    "NEES": "nees", "sd": "median_sd_m",
 }  # fmt: skip
 
 Flight = dict[str, dict[str, Row]]
@@ -197,7 +198,10 @@ def _cost_rows(paths: dict[str, Path]) -> list[Measured]:
     if "jsbsim_A" not in paths:
         return []
     imu_us, sample_us, size = cost(paths["jsbsim_A"])
-    note = f"whole loop over its IMU samples; {sample_us:.2f} us a sample of any kind; depends on the machine"
+    note = (
+        f"whole loop over its IMU samples; {sample_us:.2f} us a sample of any kind; depends on "
+        "the machine"
+    )
     return [
         Measured("cost", "IMU sample", imu_us, 2.5, unit="us", note=note),
         Measured(
@@ -229,9 +233,10 @@ def _recorded_part(page: SectionPage, logs: dict[str, dict[str, Any]]) -> None:
         page.text("## Recorded flights\n\nNot run: `--data` names no folder with them.")
         return
     page.text(
-        "## Recorded flights\n\nNo parameter of any estimator was fitted to them, but for the drift threshold of "
-        "`robust-altimeter`'s re-acquisition, chosen among three values with jsbsim_B in view. jsbsim_A and "
-        "ardupilot_nominal fly in exactly standard air, where whoever trusts 1013.25 hPa looks brilliant."
+        "## Recorded flights\n\nNo parameter of any estimator was fitted to them, but for the "
+        "drift threshold of `robust-altimeter`'s re-acquisition, chosen among three values with "
+        "jsbsim_B in view. jsbsim_A and ardupilot_nominal fly in exactly standard air, where "
+        "whoever trusts 1013.25 hPa looks brilliant."
     )
     for name, found in logs.items():
         rows: list[list[Value]] = [
@@ -271,12 +276,12 @@ def _cell(value: float) -> str:
 
 _SIMULATED = """## Simulated flights
 
-Seeds 1 to {seeds} of each scenario; `GNSS climb` is the receiver's own vertical velocity (GPS_RAW_INT has none; the
-autopilot's own logs have). Mean over the seeds; `max` is the worst of all; `take-off` is the error of the height above
-take-off, for sources that tell none that of their altitude since arming; NEES 1 is an honest spread, more is
-overconfident."""
+Seeds 1 to {seeds} of each scenario; `GNSS climb` is the receiver's own vertical velocity
+(GPS_RAW_INT has none; the autopilot's own logs have). Mean over the seeds; `max` is the worst of
+all; `take-off` is the error of the height above take-off, for sources that tell none that of their
+altitude since arming; NEES 1 is an honest spread, more is overconfident."""
 
 _ABLATIONS = """## Ablations
 
-One state, or the bank, switched off: `kollsman compare LOG --set {prefix}KEY=VALUE`. RMSE (m) and NEES; simulated ones
-are means over the first seeds. The integrity copies have no switch."""
+One state, or the bank, switched off: `kollsman compare LOG --set {prefix}KEY=VALUE`. RMSE (m) and
+NEES; simulated ones are means over the first seeds."""

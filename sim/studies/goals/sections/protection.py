@@ -1,5 +1,5 @@
-"""Section ``protection``: is the level exceeded as often as it says, and is nobody accused without
-a reason."""
+"""Section ``protection``: is the level exceeded as often as it says, and is no sensor excluded
+without a reason."""
 
 import math
 from collections.abc import Sequence
@@ -25,6 +25,7 @@ from companion.evaluation.integrity import (
 )
 from companion.evaluation.metrics import Array, truth_at
 from companion.evaluation.samples import samples_of
+from companion.jobs import results
 from companion.samples import Kind, Rows
 from companion.settings import CompanionSettings
 from sim.scenario import load_scenario
@@ -33,7 +34,7 @@ from sim.studies.goals.goals import Measured
 from sim.studies.goals.section import SectionPage
 from sim.studies.goals.sensor_level import fly, hour
 from sim.studies.page import BOUND, FUSED, OTHER, Value
-from sim.studies.runs import flown, results
+from sim.studies.runs import flown
 
 Row = dict[str, Any]
 ESTIMATOR = DEFAULT_ESTIMATOR
@@ -50,14 +51,14 @@ TAIL_SIGMA: Array = np.arange(1.0, 6.01, 0.1)
 FLIGHTS_PER_1000 = 4
 """seeds of each scenario when a thousand hours are asked for: 20 h"""
 HEALTHY = (
-    "calm-circuit", "weather-change", "warm-front-cruise", "hour-long-cruise", "low-level-qnh-drift", "metar-day",
-    "mountain-wave", "inversion-approach", "hot-and-high", "cold-front-descent", "cold-start", "gusty-shake",
-    "best-sensors",
+    "calm-circuit", "weather-change", "warm-front-cruise", "hour-long-cruise",
+    "low-level-qnh-drift", "metar-day", "mountain-wave", "inversion-approach", "hot-and-high",
+    "cold-front-descent", "cold-start", "gusty-shake", "best-sensors",
 )  # fmt: skip
-"""scenarios without faults, whose receivers claim accuracies that they have"""
+"""scenarios without faults, whose receivers report their true accuracy"""
 WRONG = ("cheap-sensors", "static-port-error")
-"""no fault begins, but a sensor is wrong by itself (a receiver that is 12 m off and claims 1.2, a
-static port whose error changes by 4 m with every change of speed): shown apart, as an accusation is
+"""no fault begins, but a sensor is wrong by itself (a receiver that is 12 m off and reports 1.2, a
+static port whose error changes by 4 m with every change of speed): shown apart, as an exclusion is
 no false alarm there"""
 RECORDED = ("jsbsim_A", "jsbsim_B")
 _ORIGINS = {
@@ -69,7 +70,8 @@ _ORIGINS = {
 
 
 class Job(NamedTuple):
-    """Hours at sensor level from a seed on, a scenario and seed to be flown, or a recorded flight."""
+    """Hours at sensor level from a seed on, a scenario and seed to be flown, or a recorded
+    flight."""
 
     origin: str
     seed: int = 0
@@ -85,13 +87,14 @@ def evaluate(context: Context) -> SectionPage:
     rows = [row for found in results(done) for row in found]
     page.text(
         "The protection level is to be exceeded at the integrity risk that is configured "
-        "(`integrity_risk_probability`, an hour). An exceedance is an episode: it begins where the absolute error is "
-        f"above the level, and what begins less than {EXCEEDANCE_APART_S:g} s after the last sample above it (the "
-        "correlation time of the slow GNSS error) is the same one. The first minute of a flight does not count. "
-        "Intervals are exact 95 % Poisson intervals; a rate is held against the largest count whose interval still "
-        "contains what is allocated, and against a tenth of that where the time flown can tell it from nothing. "
-        f"{' and '.join(WRONG)} have no fault that begins, but a sensor that is wrong by itself, unknown to the "
-        "estimator: they are shown, and not counted among the healthy flights."
+        "(`integrity_risk_probability`, an hour). An exceedance is counted once: it begins where "
+        f"the absolute error is above the level, and what begins less than {EXCEEDANCE_APART_S:g} "
+        "s after the last sample above it (the correlation time of the slow GNSS error) is the "
+        "same one. The first minute of a flight does not count. Intervals are exact 95 % Poisson "
+        "intervals; a rate is held against the largest count whose interval still contains what "
+        "is allocated, and against a tenth of that where the time flown can tell it from nothing. "
+        f"{' and '.join(WRONG)} have no fault that begins, but a sensor that is wrong by itself, "
+        "unknown to the estimator: they are shown, and not counted among the healthy flights."
     )
     for origin in ("sensors", "flights"):
         members = [row for row in rows if row["origin"] == origin]
@@ -179,7 +182,7 @@ def _measure(found: dict[float, tuple[Rows, Array, Array]]) -> Row:
     faulty = estimates["faulty"].astype(np.int64)
     row["alarms"] = false_alarms(elapsed_s, faulty)
     begins = np.flatnonzero(np.diff(faulty, prepend=0) * (faulty > 0))
-    row["accused"] = [(float(elapsed_s[k]), int(faulty[k])) for k in begins]
+    row["excluded"] = [(float(elapsed_s[k]), int(faulty[k])) for k in begins]
     return row
 
 
@@ -211,7 +214,8 @@ def _rate_goals(origin: str, rows: Sequence[Row]) -> list[Measured]:
         goals.append(
             Measured(
                 "protection", what, count / hours, at_most=_most(expected) / hours,
-                at_least=0.1 * risk if tells else None, unit="/h", shown=f"{count / hours:.2g} [{low:.2g}, {high:.2g}]",
+                at_least=0.1 * risk if tells else None, unit="/h",
+                shown=f"{count / hours:.2g} [{low:.2g}, {high:.2g}]",
                 note=f"{count} in {hours:.0f} h, {expected:.3g} allocated",
             )
         )  # fmt: skip
@@ -246,7 +250,8 @@ def _summary(page: SectionPage, rows: Sequence[Row]) -> None:
             flights = [row for row in members if _group(row) == name]
             within = np.average(
                 [[each["coverage"].within_1, each["coverage"].within_2, each["coverage"].within_3,
-                  each["coverage"].nees] for each in flights], axis=0, weights=[each["hours"] for each in flights],
+                  each["coverage"].nees] for each in flights], axis=0,
+                  weights=[each["hours"] for each in flights],
             )  # fmt: skip
             lines.append(
                 [
@@ -263,8 +268,9 @@ def _summary(page: SectionPage, rows: Sequence[Row]) -> None:
                     sum(row["alarms"] for row in flights),
                 ]
             )
-    head = ["flights", "hours", *(f"at {risk:g}" for risk in (*RISKS, RARE_RISK)), "median level at 1e-3 (m)",
-            "within 1, 2, 3 sd (%)", "NEES", "worst error (sd)", "accusations"]  # fmt: skip
+    head = ["flights", "hours", *(f"at {risk:g}" for risk in (*RISKS, RARE_RISK)),
+            "median level at 1e-3 (m)",
+            "within 1, 2, 3 sd (%)", "NEES", "worst error (sd)", "exclusions"]  # fmt: skip
     page.grid("Exceedances of the level at each integrity risk", head, lines)
 
 
@@ -273,12 +279,13 @@ def _group(row: Row) -> str:
 
 
 def _tail(page: SectionPage, rows: Sequence[Row]) -> None:
-    """Rate of episodes beyond k sigma, against what the level's formula allocates."""
+    """Rate of exceedances beyond k sigma, against what the level's formula allocates."""
     time_s = VerticalBankSettings().gnss_time_s
     rates = 10.0 ** np.arange(-7.0, 0.0, 0.1)
     caption = (
-        "Episodes beyond k of the claimed standard deviation, an hour, and the rate that the level's formula gives for "
-        "that k. The level at 1e-5 an hour is 5.6 sigma: its rate can only be guessed by going on with the curve."
+        "Exceedances of k estimated standard deviations, an hour, and the rate that the "
+        "level's formula gives for that k. The level at 1e-5 an hour is 5.6 sigma: its rate can "
+        "only be guessed by going on with the curve."
     )
     with page.figure("tail", caption) as axes:
         axes[0].plot(
@@ -305,7 +312,7 @@ def _tail(page: SectionPage, rows: Sequence[Row]) -> None:
         axes[0].set(
             yscale="log",
             xlabel="k (sigma)",
-            ylabel="episodes an hour",
+            ylabel="exceedances an hour",
             ylim=(1e-6, 30.0),
             xlim=(1.0, 6.0),
         )
@@ -314,8 +321,8 @@ def _tail(page: SectionPage, rows: Sequence[Row]) -> None:
 
 def _stanford(page: SectionPage, rows: Sequence[Row]) -> None:
     caption = (
-        f"Stanford diagrams of the level at 1e-3 an hour, alert limit {ALERT_LIMIT_M:g} m (colours are logarithms of "
-        "counts): sensor level left, JSBSim right."
+        f"Stanford diagrams of the level at 1e-3 an hour, alert limit {ALERT_LIMIT_M:g} m "
+        "(colours are logarithms of counts): sensor level left, JSBSim right."
     )
     found: list[tuple[str, Regions]] = []
     with page.figure("stanford", caption, columns=2, panel_in=3.8) as axes:
@@ -343,18 +350,18 @@ def _stanford(page: SectionPage, rows: Sequence[Row]) -> None:
 
 
 def _alarms(page: SectionPage, rows: Sequence[Row]) -> None:
-    accused: list[list[Value]] = [
+    excluded: list[list[Value]] = [
         [
             f"{_ORIGINS[row['origin']]}: {row['flight']}",
             f"{time_s:.1f}",
             ("", "barometer", "GNSS", "IMU")[sensor],
         ]
         for row in rows
-        for time_s, sensor in row["accused"]
+        for time_s, sensor in row["excluded"]
     ]
-    if accused:
+    if excluded:
         page.grid(
-            f"Accusations ({len(accused)}), the first twenty",
-            ["flight", "at (s)", "accused"],
-            accused[:20],
+            f"Exclusions ({len(excluded)}), the first twenty",
+            ["flight", "at (s)", "excluded"],
+            excluded[:20],
         )

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from companion.estimators import DEFAULT_ESTIMATOR
+from companion.jobs import Row, results
 from sim.studies.goals import Context
 from sim.studies.goals.goals import Measured
 from sim.studies.goals.section import SectionPage
@@ -17,7 +18,6 @@ from sim.studies.real.faults import try_all, windows
 from sim.studies.real.gnss_errors import logs
 from sim.studies.real.low_rates import fly_slow, slow_flights
 from sim.studies.real.matrix import Cell, cells, fly, group, traces_in
-from sim.studies.runs import Row, results
 
 LONG_MIN = 30.0
 """flights that are shorter have too few independent errors to be compared with raw GNSS"""
@@ -145,7 +145,7 @@ def _sent_goals(own: Sequence[Row]) -> list[Measured]:
     above = sum(row["sent_above_level"] for row in own)
     wrong = sum(row["sent_wrong"] for row in own)
     hours = sum(row["hours"] for row in own)
-    episodes = sum(row["exceedances"] for row in own)
+    exceedances = sum(row["exceedances"] for row in own)
     fast = [row for row in own if row["imu_hz"] == 50]
     return [
         Measured("real-sent", "least share", -100.0 * least, None, 98.0, "%", note=where),
@@ -159,7 +159,7 @@ def _sent_goals(own: Sequence[Row]) -> list[Measured]:
             "ALTITUDE beyond it",
             above / sent if sent else math.nan,
             ALLOWED_ABOVE,
-            note=f"{above} of {sent}; {episodes} episodes in {hours:.0f} h",
+            note=f"{above} of {sent}; {exceedances} exceedances in {hours:.0f} h",
         ),
         Measured(
             "real-cost", "", _mean(fast, lambda row: row["cost_us"]), 4.0, unit="us",
@@ -283,7 +283,8 @@ def _matrix_part(page: SectionPage, rows: Sequence[Row]) -> None:
     page.grid(
         f"{DEFAULT_ESTIMATOR}, means over the runs (the last five: worst, sums)",
         ["flight", "GNSS error", "IMU Hz", "runs", "RMSE m", "raw GNSS m", "ratio", "NEES",
-         "level m", "climb m/s", "max m", "sent % (least)", "sent > 50 m", "above level", "OK wrong s"],
+         "level m", "climb m/s", "max m", "sent % (least)", "sent > 50 m", "above level",
+         "OK wrong s"],
         lines,
     )  # fmt: skip
     compared = [row for row in rows if row["error"] != "own" and row["seed"] == 1]
@@ -384,16 +385,16 @@ def _never(value: float) -> str:
     return "never" if math.isinf(value) else f"{value:.1f}"
 
 
-_ABOUT = """Flights: {flights}. What is real in each is said by its loader (`sim/studies/real`). A cell is one flight
-with one IMU rate, with or without the autopilot's attitude, with 0 or 1 s of the recorded barometer's lag taken
-out, and one error of a cheap receiver laid on: `Gauss-Markov` is 4 m over 250 s and .15 m white; `recorded`
-is what a receiver that stood still did, with the accuracy that it reported. Errors count after the first
-minute. Raw GNSS is the same receiver. "Sent" is what `companion.evaluation.published` says of ALTITUDE: the
-pipeline's own health and output rules over the estimator's output. "OK wrong" is the longest time for which
-health was OK with an error beyond 4 claimed standard deviations. Flights under half an hour are left out of
-the ratios."""
+_ABOUT = """Flights: {flights}. What is real in each is said by its loader (`sim/studies/real`). A
+cell is one flight with one IMU rate, with or without the autopilot's attitude, with 0 or 1 s of
+the recorded barometer's lag taken out, and one error of a cheap receiver laid on: `Gauss-Markov`
+is 4 m over 250 s and .15 m white; `recorded` is what a receiver that stood still did, with the
+accuracy that it reported. Errors count after the first minute. Raw GNSS is the same receiver.
+"Sent" is what `companion.evaluation.published` says of ALTITUDE: the pipeline's own health and
+output rules over the estimator's output. "OK wrong" is the longest time for which health was OK
+with an error beyond 4 times its estimated spread. Ratios leave out flights under half an hour."""
 
-_FAULTS = """{onsets} onsets a flight, evenly spread, at IMU rates of 0, 2 and 50 Hz, Gauss-Markov error, barometer as
-recorded. `named` counts from the onset; `back` from the end of the fault until the estimate stays within 5 m of that
-of the healthy flight; `first ALTITUDE` and `OK after` from the end of the fault. The published error counts from the
-onset to two minutes after the end."""
+_FAULTS = """{onsets} onsets a flight, evenly spread, at IMU rates of 0, 2 and 50 Hz, Gauss-Markov
+error, barometer as recorded. `named` counts from the onset; `back` from the end of the fault until
+the estimate stays within 5 m of that of the healthy flight; `first ALTITUDE` and `OK after` from
+the end of the fault. The published error counts from the onset to two minutes after the end."""

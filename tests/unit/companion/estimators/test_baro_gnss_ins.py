@@ -443,8 +443,9 @@ def test_compiled_and_not_compiled_agree_bit_for_bit() -> None:
     code = (
         "import hashlib\nfrom companion.estimators.baro_gnss_ins.steps import METHOD\n"
         "from companion.estimators.method import run_log\nfrom tests.flights import flight\n"
-        "results = run_log(METHOD, flight(duration_s=8.0).log(), METHOD.settings(attitude='vehicle'))\n"
-        "print(hashlib.sha1(b''.join(each.tobytes() for each in results)).hexdigest())\n"
+        "results = run_log(METHOD, flight(duration_s=8.0).log(), "
+        "METHOD.settings(attitude='vehicle'))\nprint(hashlib.sha1(b''.join(each.tobytes() for "
+        "each in results)).hexdigest())\n"
     )
     digests = {
         subprocess.run(

@@ -144,7 +144,8 @@ def test_pressure_altitude_of_1() -> None:
 
 @pytest.mark.parametrize("warmer_k", [-25.0, 0.0, 15.0])
 def test_compensation_is_the_hypsometric_formula(warmer_k: float) -> None:
-    """(2) from the start equals the integral of dp = -rho g dH in a column of constant lapse rate."""
+    """(2) from the start equals the integral of dp = -rho g dH in a column of constant lapse
+    rate."""
     start_m, start_pa, lapse, gravity, gas = 1350.0, 85_000.0, 0.0065, 9.80665, 287.05287
     level_m = pressure_altitude_m(start_pa)
     temperature_k = 288.15 - lapse * level_m + warmer_k
@@ -258,7 +259,7 @@ def test_barometer_step_for_a_minute(plain: Rows, offset_pa: float) -> None:
     after = made.elapsed_s(plain["time_us"]) > 220.0
     assert np.abs(difference[after]).max() < 1.0
     spread = faulty["altitude_sd_m"][during]
-    assert np.median(spread) > 0.6 * abs(expected)  # GNSS bears witness
+    assert np.median(spread) > 0.6 * abs(expected)  # GNSS shows it
 
 
 def test_spikes_do_no_harm(plain: Rows) -> None:
@@ -290,7 +291,7 @@ def test_without_the_barometer_it_is_gnss() -> None:
     assert np.abs(errors_m(made, estimates, 175.0)).max() < 3.0
 
 
-def test_spread_grows_without_witness() -> None:
+def test_spread_grows_without_gnss() -> None:
     made = flight().drop(Kind.GNSS, 30.0)
     spread = altitudes(made.log(), pressure_drift_mps=0.1)["altitude_sd_m"]
     assert spread[-1] == pytest.approx(math.hypot(spread[3000], 0.1 * 230.0), rel=0.25)

@@ -24,7 +24,8 @@ def air(time_us: int, **values: float) -> Rows:
 def fly(
     name: str, made: Flight, settings: Rows, at_s: float = 0.0, **options: Any
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Elapsed time, altitude error and spread after each pressure; the AIR row comes first at `at_s`."""
+    """Elapsed time, altitude error and spread after each pressure; the AIR row comes first at
+    `at_s`."""
     method = ESTIMATORS[name]
     running = Filter(method, method.settings(**options))
     tables = made.tables
@@ -78,8 +79,8 @@ def test_without_gnss_a_qnh_gives_an_altitude_with_an_honest_spread(
 
 @pytest.mark.parametrize("name", PAPERS)
 def test_a_wrong_setting_is_corrected_live(name: str, silent: Flight) -> None:
-    """From the start 8 hPa too high (66 m); nobody sets it right: the error stays. A field elevation
-    at rest is as good as a QNH."""
+    """From the start 8 hPa too high (66 m); nobody sets it right: the error stays. A field
+    elevation at rest is as good as a QNH."""
     elapsed_s, error_m, _ = fly(name, silent, air(0, qnh_pa=QNH_PA + 800.0))
     assert error_m[elapsed_s > 60.0].mean() == pytest.approx(66.0, abs=6.0)
     elapsed_s, error_m, _ = fly(name, silent, air(0, field_elevation_m=silent.plan.start_m))
@@ -118,8 +119,8 @@ def test_ibi_alone_works_without_gnss_and_without_a_setting(silent: Flight) -> N
 
 
 def test_the_barometer_moves_nothing_while_gnss_serves() -> None:
-    """``barometer: gnss_unreliable``: a drift of the barometer reaches neither height nor climb while
-    there is GNSS, and b follows it, so that the height goes on from GNSS in an outage."""
+    """``barometer: gnss_unreliable``: a drift of the barometer reaches neither height nor climb
+    while there is GNSS, and b follows it, so that the height goes on from GNSS in an outage."""
     made = flight(duration_s=150.0, pressure_hz=5.0, imu_hz=20.0, gnss_hz=5.0)
     made.change(Kind.PRESSURE, "pressure_pa", lambda p: p - 600.0, start_s=60.0)
     made.drop(Kind.GNSS, 120.0)

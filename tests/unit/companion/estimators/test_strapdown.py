@@ -179,7 +179,8 @@ def test_transition_is_the_numeric_jacobian_of_the_mechanisation(dt_s: float, se
 
 
 def test_unaided_vertical_channel_diverges_at_the_rate_of_gravity_s_gradient() -> None:
-    """An error of height grows as cosh(t sqrt(2 g / R)): tenfold in 28 minutes, whatever the step."""
+    """An error of height grows as cosh(t sqrt(2 g / R)): tenfold in 28 minutes, whatever the
+    step."""
     mat, rows = np.zeros((4, 3)), np.zeros((ERRORS, 1))
     mat[:3] = np.eye(3)
     mat[3, 2] = -9.8

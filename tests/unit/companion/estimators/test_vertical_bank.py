@@ -109,8 +109,8 @@ def test_a_claim_that_gets_better_takes_the_slow_error_with_it() -> None:
 
 @pytest.mark.parametrize("claims_m", [(9.0, 9.0), (8.1, 9.9), (8.0, 10.0)])
 def test_a_claim_that_jitters_does_not_whiten_the_slow_error(claims_m: tuple[float, float]) -> None:
-    """Six metres that wander for four minutes stay six metres, however the claim jitters around
-    them."""
+    """Six metres that wander for four minutes stay six metres, however the reported accuracy
+    jitters around them."""
     nees = []
     for seed in range(6):
         made = flight(duration_s=300.0)
@@ -160,8 +160,8 @@ def test_step_costs_little_and_checkpoint_is_small() -> None:
 # Integrity
 
 
-def blamed(made: Flight) -> list[tuple[float, int]]:
-    """(seconds, `FaultySensor`) of every change of the blamed sensor."""
+def exclusions(made: Flight) -> list[tuple[float, int]]:
+    """(seconds, `FaultySensor`) of every change of the excluded sensor."""
     estimates, _, elapsed_s = fly(made)
     changes = np.flatnonzero(np.diff(estimates["faulty"])) + 1
     return [(float(elapsed_s[k]), int(estimates["faulty"][k])) for k in changes]
@@ -172,14 +172,14 @@ def higher(step_m: float) -> Any:
     return lambda p: p * (1.0 - step_m * 1.2e-4)
 
 
-def test_a_healthy_flight_blames_nobody() -> None:
-    assert blamed(flight()) == []
+def test_a_healthy_flight_excludes_no_sensor() -> None:
+    assert exclusions(flight()) == []
 
 
 @pytest.mark.parametrize("step_m", [-30.0, 15.0, 40.0])
-def test_baro_step_is_blamed_within_a_second_and_forgiven(step_m: float) -> None:
+def test_baro_step_is_excluded_within_a_second_and_used_again(step_m: float) -> None:
     made = flight().change(Kind.PRESSURE, "pressure_pa", higher(step_m), 120.0)
-    (onset_s, fault), (back_s, _) = blamed(made)
+    (onset_s, fault), (back_s, _) = exclusions(made)
     assert fault == FaultySensor.BAROMETER
     assert onset_s - 120.0 <= 1.0
     assert 5.0 <= back_s - onset_s <= 20.0
@@ -202,12 +202,12 @@ def test_baro_ramp_does_little_harm(imu_hz: float) -> None:
 def test_an_imu_that_shakes_between_its_samples_is_trusted_less() -> None:
     """With the noise of a quiet one, it would make the barometer look wrong."""
     made = flight(imu_hz=10.0, force_sd_mps2=1.0)
-    assert blamed(made) == []
+    assert exclusions(made) == []
     spread_m = [fly(each)[0]["climb_sd_mps"][-1] for each in (flight(imu_hz=10.0), made)]
     assert spread_m[1] > 2.0 * spread_m[0]
 
 
-def test_without_integrity_nobody_is_blamed() -> None:
+def test_without_integrity_no_sensor_is_excluded() -> None:
     made = flight().change(Kind.GNSS, "altitude_amsl_m", lambda h: h + 30.0, 100.0)
     estimates, error, elapsed_s = fly(made, VerticalBankSettings(integrity=False))
     assert set(estimates["faulty"]) == {0}
@@ -219,7 +219,7 @@ def test_frozen_barometer_in_a_climb() -> None:
     chosen = made.within(Kind.PRESSURE, 40.0, 75.0)
     pressures = made.tables[Kind.PRESSURE]["pressure_pa"]
     pressures[chosen] = pressures[np.flatnonzero(chosen)[0]]
-    (onset_s, fault), (back_s, _) = blamed(made)
+    (onset_s, fault), (back_s, _) = exclusions(made)
     assert fault == FaultySensor.BAROMETER
     assert onset_s - 40.0 <= 1.0
     assert back_s <= 75.0 + 15.0
@@ -234,13 +234,13 @@ def test_noise_and_spikes_of_the_barometer_are_nobodys_fault() -> None:
         Kind.PRESSURE, "pressure_pa", lambda p: np.where(rng.random(p.shape) < 0.01, p - 500, p)
     )
     for made in (noisy, spiky):
-        assert blamed(made) == []
+        assert exclusions(made) == []
         assert np.abs(fly(made)[1][3000:]).max() < 4.0
 
 
 def test_gnss_step_is_excluded_and_stays_so_while_it_is_wrong() -> None:
     made = flight().change(Kind.GNSS, "altitude_amsl_m", lambda h: h + 30.0, 120.0, 220.0)
-    (onset_s, fault), (back_s, _) = blamed(made)
+    (onset_s, fault), (back_s, _) = exclusions(made)
     assert fault == FaultySensor.GNSS
     assert onset_s - 120.0 <= 1.5
     assert 220.0 <= back_s <= 230.0
@@ -249,13 +249,13 @@ def test_gnss_step_is_excluded_and_stays_so_while_it_is_wrong() -> None:
 
 
 def test_barometer_that_was_silent_may_come_back_with_another_datum() -> None:
-    """540 m after ten seconds: learned anew, nobody is blamed and the height stays."""
+    """540 m after ten seconds: learned anew, no sensor is excluded and the height stays."""
     made = (
         flight()
         .drop(Kind.PRESSURE, 120.0, 130.0)
         .change(Kind.PRESSURE, "pressure_pa", lambda p: p - 6000.0, 120.0)
     )
-    assert blamed(made) == []
+    assert exclusions(made) == []
     _, error, elapsed_s = fly(made)
     assert np.abs(error[elapsed_s > 60.0]).max() < 6.0
 
@@ -309,17 +309,17 @@ def test_weather_is_nobodys_fault() -> None:
     made.tables[Kind.PRESSURE]["pressure_pa"] *= (
         1.0 - 0.3 * np.clip(elapsed_s - 100.0, 0.0, None) * 1.2e-4
     )
-    assert blamed(made) == []
+    assert exclusions(made) == []
     estimates, error, after_s = fly(made)
     assert np.abs(error[after_s > 60.0]).max() < 8.0
     assert estimates["baro_rate_mps"][-1] == pytest.approx(0.3, abs=0.1)
 
 
-def test_wrong_imu_is_blamed_by_the_two_others() -> None:
+def test_wrong_imu_is_excluded_by_the_two_others() -> None:
     made = flight()
     force = made.tables[Kind.IMU]["specific_force_b_mps2"]
     force[made.within(Kind.IMU, 120.0, 150.0), 2] -= 2.0
-    found = [(seconds, fault) for seconds, fault in blamed(made) if fault == FaultySensor.IMU]
+    found = [(seconds, fault) for seconds, fault in exclusions(made) if fault == FaultySensor.IMU]
     assert found
     assert found[0][0] - 120.0 <= 5.0
     _, error, elapsed_s = fly(made)
@@ -406,7 +406,7 @@ def test_barometer_that_shifts_against_the_imu_in_an_outage_makes_the_height_unk
     assert np.abs(error[elapsed_s > 125.0 + outage_s]).max() < 10.0
 
 
-def test_blame_of_an_imu_that_died_ends_and_gnss_is_watched_again() -> None:
+def test_exclusion_of_an_imu_that_died_ends_and_gnss_is_monitored_again() -> None:
     made = flight(duration_s=260.0)
     made.tables[Kind.IMU]["specific_force_b_mps2"][made.within(Kind.IMU, 100.0, 103.0), 2] -= 15.0
     made.drop(Kind.IMU, 103.0)
@@ -419,24 +419,24 @@ def test_blame_of_an_imu_that_died_ends_and_gnss_is_watched_again() -> None:
 def test_barometer_frozen_from_the_start_is_found_out() -> None:
     made = flight().change(Kind.PRESSURE, "pressure_pa", lambda p: p * 0 + p[0])
     _, error, elapsed_s = fly(made)
-    assert FaultySensor.BAROMETER in {fault for _, fault in blamed(made)}
+    assert FaultySensor.BAROMETER in {fault for _, fault in exclusions(made)}
     assert np.abs(error[elapsed_s > 60.0]).max() < 10.0
 
 
-def with_spares(made: Flight, kind: Kind, offset: Any) -> Flight:
+def with_redundant(made: Flight, kind: Kind, offset: Any) -> Flight:
     """With a second instance of a sensor, a millisecond later and by `offset` different."""
     table = made.tables[kind]
-    spare = table.copy()
-    spare["instance"], spare["time_us"] = 1, table["time_us"] + 1000
+    second = table.copy()
+    second["instance"], second["time_us"] = 1, table["time_us"] + 1000
     name = "pressure_pa" if kind is Kind.PRESSURE else "altitude_amsl_m"
-    spare[name] += offset
-    both = np.concatenate([table, spare])
+    second[name] += offset
+    both = np.concatenate([table, second])
     made.tables[kind] = both[np.argsort(both["time_us"], kind="stable")]
     return made
 
 
 def test_second_receiver_stands_in() -> None:
-    made = with_spares(flight(), Kind.GNSS, 4.0)
+    made = with_redundant(flight(), Kind.GNSS, 4.0)
     table = made.tables[Kind.GNSS]
     wrong = (table["instance"] == 0) & made.within(Kind.GNSS, 120.0, 260.0)
     table["altitude_amsl_m"][wrong] += 40.0
@@ -446,7 +446,7 @@ def test_second_receiver_stands_in() -> None:
 
 
 def test_second_barometer_stands_in() -> None:
-    made = with_spares(flight(), Kind.PRESSURE, 50.0)
+    made = with_redundant(flight(), Kind.PRESSURE, 50.0)
     keep = (made.tables[Kind.PRESSURE]["instance"] == 1) | ~made.within(Kind.PRESSURE, 120.0, 260.0)
     made.tables[Kind.PRESSURE] = made.tables[Kind.PRESSURE][keep]
     estimates, error, elapsed_s = fly(made)
@@ -492,7 +492,7 @@ def test_crossing_sigma_inverts_the_rate(rate_per_h: float) -> None:
 
 @pytest.mark.slow
 def test_hours_of_the_model_are_estimated_consistently() -> None:
-    """Thirty hours of flight as the bank believes flights to be: NEES of height near 1, no false
+    """Thirty hours of flight as the bank assumes flights to be: NEES of height near 1, no false
     alarm."""
     from sim.studies.goals.sensor_level import fly as fly_hour
     from sim.studies.goals.sensor_level import hour

@@ -1,4 +1,4 @@
-"""Accusations against known faults."""
+"""Exclusions against known faults."""
 
 import math
 
@@ -14,7 +14,7 @@ TIMES_US: Array = np.arange(100, dtype=np.float64) * 1e6
 SINCE_US: Array = np.full(100, 38e6)
 
 
-def accusing(*spans: tuple[int, int, FaultySensor]) -> NDArray[np.int64]:
+def excluding(*spans: tuple[int, int, FaultySensor]) -> NDArray[np.int64]:
     """The faulty sensor of each second: (from, until, sensor)."""
     faulty = np.zeros(100, np.int64)
     for begin, end, sensor in spans:
@@ -27,7 +27,7 @@ def judged(
     end_s: float = 60.0,
     sensor: FaultySensor = FaultySensor.GNSS,
 ) -> Detection:
-    return detection(TIMES_US, accusing(*spans), SINCE_US, 40e6, end_s * 1e6, sensor)
+    return detection(TIMES_US, excluding(*spans), SINCE_US, 40e6, end_s * 1e6, sensor)
 
 
 def test_times_and_shares_of_a_detected_fault() -> None:
@@ -72,7 +72,7 @@ def test_nothing_estimated_is_unknown() -> None:
 
 
 def test_false_alarms_begin_where_nothing_is_wrong() -> None:
-    faulty = accusing(
+    faulty = excluding(
         (10, 12, FaultySensor.GNSS),
         (12, 14, FaultySensor.IMU),
         (45, 70, FaultySensor.GNSS),

@@ -103,7 +103,7 @@ class TestBootClock:
         assert bench.now_s == pytest.approx(good_s, abs=2.0)
 
     @pytest.mark.parametrize("restart_s", [0.1, 3.0, 50.0, 85.0])
-    def test_two_witnesses_are_a_reboot(self, restart_s: float) -> None:
+    def test_two_consistent_stamps_are_a_reboot(self, restart_s: float) -> None:
         bench = running(100.0)
         assert bench.hear(restart_s) is DOUBT
         assert bench.hear(restart_s + 0.1) is REBOOT
@@ -164,7 +164,7 @@ class TestBootClock:
         assert clock.place(boot(1234.0), 30, arrival_us + 20) == (TICK, clock.now_us)
         assert len(told) == 1
 
-    def test_two_witnesses_that_disagree_are_none(self) -> None:
+    def test_two_stamps_that_disagree_are_no_reboot(self) -> None:
         bench = running(100.0)
         assert [bench.hear(stamp_s) for stamp_s in (50.0, 20.0, 70.0, 30.0)] == [DOUBT] * 4
         assert bench.hear(100.1) is TICK

@@ -185,7 +185,8 @@ def test_without_gnss_what_is_quiet_rests_after_all() -> None:
 
 
 def test_vibration_does_not_weaken_gravity() -> None:
-    """15 m/s2 of vibration average out: a gyro bias of a degree a second is learned all the same."""
+    """15 m/s2 of vibration average out: a gyro bias of a degree a second is learned all the
+    same."""
     rng = np.random.default_rng(1)
 
     def shaken(t: float) -> Instant:

@@ -8,13 +8,13 @@ from companion.kernels.rts import backward, forward
 
 
 def test_smoothed_states_are_the_least_squares_solution() -> None:
-    luck = np.random.default_rng(5)
+    rng = np.random.default_rng(5)
     n, s = 12, 3
-    F = np.eye(s) + 0.2 * luck.normal(size=(s, s))
+    F = np.eye(s) + 0.2 * rng.normal(size=(s, s))
     Q = np.diag([0.3, 0.2, 0.1]) + 0.02
-    x0, P0 = luck.normal(size=s), np.diag([4.0, 2.0, 1.0])
-    h, R = luck.normal(size=(n, 2, s)), luck.uniform(0.2, 1.0, (n, 2))
-    z = luck.normal(size=(n, 2))
+    x0, P0 = rng.normal(size=s), np.diag([4.0, 2.0, 1.0])
+    h, R = rng.normal(size=(n, 2, s)), rng.uniform(0.2, 1.0, (n, 2))
+    z = rng.normal(size=(n, 2))
     z[3, 0] = z[7, 1] = math.nan
 
     means, covariances = np.zeros((n, s)), np.zeros((n, s, s))

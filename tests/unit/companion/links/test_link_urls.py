@@ -108,7 +108,8 @@ BAD = {
     "": "neither a serial port",
     "ttyACM0": "neither a serial port such as /dev/ttyACM0",
     "udpin:14550 ": "spaces",
-    "udpbcast:10.0.0.255:14550": "unknown scheme 'udpbcast'; use .* serial, udpin, udpout, tcp, tcpin, memory",
+    "udpbcast:10.0.0.255:14550": "unknown scheme 'udpbcast'; use .* serial, udpin, udpout, tcp, "
+    "tcpin, memory",
     "udpin:0.0.0.0:": "bad port number ''",
     "udpin:0.0.0.0:http": "bad port number 'http' .*; write udpin:",
     "udpin:65536": "bad port number '65536'",

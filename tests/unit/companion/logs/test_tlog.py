@@ -240,7 +240,8 @@ def test_year_2908_is_passed_on(log: Log) -> None:
 
 
 def test_year_146000_is_not_invented(log: Log) -> None:
-    """A good frame right behind a lost half record: where its time should be there are other bytes."""
+    """A good frame right behind a lost half record: where its time should be there are other
+    bytes."""
     some = packets(20)
     absurd = struct.pack(">Q", 146_000 * 31_556_952 * SECOND)
     reader = log(records(some[:10]), b"\x40junk junk" + absurd + some[10].data, records(some[11:]))

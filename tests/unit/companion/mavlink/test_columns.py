@@ -43,10 +43,10 @@ def records(frames: list[bytes]) -> bytes:
 
 @pytest.mark.parametrize("message_id", NUMBERS[:: max(1, len(NUMBERS) // 60)])
 def test_columns_are_what_pymavlink_decodes(message_id: int) -> None:
-    luck = random.Random(message_id)
+    rng = random.Random(message_id)
     size = mavlink.mavlink_map[message_id].unpacker.size
-    payloads = [luck.randbytes(size), luck.randbytes(luck.randrange(1, size + 1)), bytes(1)]
-    payloads.append(bytes([luck.randrange(1, 256)]) + bytes(size - 1))
+    payloads = [rng.randbytes(size), rng.randbytes(rng.randrange(1, size + 1)), bytes(1)]
+    payloads.append(bytes([rng.randrange(1, 256)]) + bytes(size - 1))
     data = records([frame(message_id, payload) for payload in payloads])
     index = indexed(data)
     assert index.size == len(payloads)

@@ -1,4 +1,4 @@
-"""Whom we listen to: one vehicle for life, nobody who only claims to be one, nothing unsigned in a
+"""Whom we listen to: one vehicle for life, nobody who only says to be one, nothing unsigned in a
 signed stream."""
 
 from typing import Any
@@ -66,7 +66,7 @@ def latched(**options: Any) -> Identity:
         (ARDUPILOT, QUAD, True),
         (PX4, 1, True),
         (GENERIC, 1, True),
-        (INVALID, QUAD, False),  # a companion that claims to be a quadrotor
+        (INVALID, QUAD, False),  # a companion that says it is a quadrotor
         (INVALID, GIMBAL, False),
         (INVALID, ONBOARD, False),
         (INVALID, GCS, False),
@@ -183,7 +183,7 @@ def test_another_autopilot_in_flight_is_told_and_not_followed() -> None:
 
 
 def test_the_vehicle_is_heard_from_where_it_speaks() -> None:
-    """A forger elsewhere is not believed; a vehicle that moved is, after three seconds."""
+    """A forger elsewhere is refused; a vehicle that moved is accepted after three seconds."""
     identity, sender = Identity(), Vehicle()
     heard(identity, sender, vehicle.heartbeat(), NOW_US, "here")
     late_us = NOW_US + 2_900_000

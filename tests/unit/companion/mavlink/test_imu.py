@@ -1,4 +1,4 @@
-"""Which IMU message is believed, in which unit: priority, scales, and gravity as the judge."""
+"""Which IMU message is used, in which unit: priority, scales, and gravity as the judge."""
 
 import math
 

@@ -15,15 +15,9 @@ from companion.estimators import ESTIMATORS
 from companion.health import Health
 from companion.kernels.atmosphere import baro_altitude_m
 from companion.mavlink.codec import Encoder, Message, mavlink
+from companion.mavlink.continuity import Leap, Monotonic
 from companion.mavlink.debug import NAMED, message_table, state_floats
-from companion.mavlink.outputs import (
-    Leap,
-    Monotonic,
-    Outputs,
-    PublishSettings,
-    Schedule,
-    heartbeat,
-)
+from companion.mavlink.outputs import Outputs, PublishSettings, Schedule, heartbeat
 from companion.mavlink.texts import StatusTexts
 from companion.samples import ESTIMATE, Kind, Rows, Verdict, rows, sample
 from companion.settings import CompanionSettings
@@ -535,8 +529,8 @@ def test_an_outcome_has_what_tests_need() -> None:
 
 
 def test_ours_comes_back_beside_heights_of_the_vehicle_at_another_phase() -> None:
-    """GLOBAL_POSITION_INT comes at 10 Hz, 20 ms beside our slots, and fills in for two seconds of LOST:
-    once we are OK again, our own ALTITUDE is sent at its rate."""
+    """GLOBAL_POSITION_INT comes at 10 Hz, 20 ms beside our slots, and fills in for two seconds of
+    LOST: once we are OK again, our own ALTITUDE is sent at its rate."""
     outputs = Outputs(CompanionSettings().publish)
     estimate = rows(ESTIMATE)
     sent = 0

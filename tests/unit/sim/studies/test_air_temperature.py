@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from sim.studies.papers import air_temperature as live
+from sim.studies.papers.air_data_gnss import air_temperature as live
 
 
 def test_the_scale_factor_converges_with_the_probe() -> None:
-    """15 K warmer: a = 288.15 / 303.15 - 1 = -.0495; the probe errs by 0.2 K, the lapse rate by 3 K/km."""
+    """15 K warmer: a = 288.15 / 303.15 - 1 = -.0495; the probe errs by 0.2 K, the lapse rate by 3
+    K/km."""
     with_probe, without = live.fly()
     assert pytest.approx(-0.0495, abs=1e-4) == live.TRUE_SCALE
     assert with_probe.temperatures > 60

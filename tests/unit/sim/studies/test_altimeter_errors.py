@@ -8,7 +8,8 @@ import pytest
 
 from sim.studies.page import generators
 from sim.studies.papers import PAPERS
-from sim.studies.papers.altimeter_errors import (
+from sim.studies.papers.page import Match
+from sim.studies.papers.robust_altimeter.altimeter_errors import (
     ALTIMETERS,
     BIASED,
     Array,
@@ -17,16 +18,14 @@ from sim.studies.papers.altimeter_errors import (
     open_loop_m,
     simulate,
 )
-from sim.studies.papers.page import Match
-from sim.studies.papers.robust_altimeter import (
+from sim.studies.papers.robust_altimeter.faults import LONG
+from sim.studies.papers.robust_altimeter.live import live_errors_m, live_log
+from sim.studies.papers.robust_altimeter.models import (
     FITTED,
-    LONG,
     MEANS,
     SCENARIOS,
     TABLE_1,
     TABLE_1_ROBUST,
-    live_errors_m,
-    live_log,
 )
 
 BOTH_BIASED = (BIASED, BIASED)
@@ -51,7 +50,8 @@ def test_without_a_fault_the_printed_parameters_give_less_than_the_printed_error
 
 
 def test_fitted_parameters_reach_all_cells_but_four(draws: Array) -> None:
-    """Within 20 % of Tables 2-7, with the optimal filter, sigma_Daz 0.6, sigma_UB 0.2, 20 m, x 100."""
+    """Within 20 % of Tables 2-7, with the optimal filter, sigma_Daz 0.6, sigma_UB 0.2, 20 m, x
+    100."""
     missed = {
         (title.split(":")[0], name)
         for (title, faults), printed in zip(SCENARIOS.items(), MEANS, strict=True)
@@ -88,7 +88,7 @@ def test_robust_filter_is_twice_worse_against_a_small_bias_and_locks_out(draws: 
 
 
 def test_with_the_rule_it_comes_back(draws: Array) -> None:
-    """The one departure: refused for 120 s, a measurement is believed."""
+    """The one departure: refused for 120 s, a measurement is used."""
     long = noises(generators("C", 10), LONG)
     model = TABLE_1_ROBUST.having(faults=BOTH_BIASED, bias_m=15.0)
     never, rule = simulate(model, long), simulate(model.having(reacquire_s=120.0), long)
@@ -100,12 +100,12 @@ def test_with_the_rule_it_comes_back(draws: Array) -> None:
     )
 
 
-def test_the_rule_that_blames_the_imu_takes_scenario_3_for_one(draws: Array) -> None:
+def test_the_rule_that_doubts_the_imu_takes_scenario_3_for_an_imu_fault(draws: Array) -> None:
     """As the estimator says of itself: the same bias on both sensors looks like a wrong
     accelerometer."""
     model = TABLE_1_ROBUST.having(faults=BOTH_BIASED, bias_m=30.0, reacquire_s=120.0)
-    blamed = simulate(model.having(may_doubt_imu=True), draws[:20])
-    assert blamed.mean_m(0, 220, 400).mean() > 25.0
+    doubted = simulate(model.having(may_doubt_imu=True), draws[:20])
+    assert doubted.mean_m(0, 220, 400).mean() > 25.0
 
 
 def test_covariance_is_the_same_with_and_without_a_fault(draws: Array) -> None:

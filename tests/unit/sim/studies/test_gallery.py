@@ -45,7 +45,9 @@ def test_a_section_draws_and_judges_and_repeats(tmp_path: Path) -> None:
     values = {
         "name": "stuck", "summary": "Of a test.", "about": "Freezes.",
         "profile": [{"leg": "wait", "duration_s": 75}],
-        "faults": [{"fault": "freeze", "start_s": 70}, {"fault": "outage", "start_s": 72, "duration_s": 2}],
+        "faults": [
+            {"fault": "freeze", "start_s": 70}, {"fault": "outage", "start_s": 72, "duration_s": 2},
+        ],
     }  # fmt: skip
     job = Job(validate(values, Scenario, "a test"), 3, ("adaptive-fusion",))
     first, second = section(job, tmp_path / "a"), section(job, tmp_path / "b")

@@ -1,4 +1,5 @@
-"""The pages of the reproduced papers: verdicts follow from numbers, same seeds give the same bytes."""
+"""The pages of the reproduced papers: verdicts follow from numbers, same seeds give the same
+bytes."""
 
 import math
 import re
@@ -120,8 +121,8 @@ def test_another_root_draws_other_numbers() -> None:
 
 @pytest.mark.parametrize("key", ["H", "W"])
 def test_every_verdict_fails_with_a_wrong_number(key: str, tmp_path: Path) -> None:
-    """Rows are fed NaN, and a number that is far away: no verdict is a constant. The pages C, R and K
-    are walked by tests/oracles and the command's own run (they take longer)."""
+    """Rows are fed NaN, and a number that is far away: no verdict is a constant. The pages C, R and
+    K are walked by tests/oracles and the command's own run (they take longer)."""
     checked = 0
     for row in PAPERS[key].reproduce(2, tmp_path, quiet).rows:
         if row.check is None:

@@ -64,9 +64,9 @@ def test_a_silent_link_of_px4_carries_the_streams_of_mode_onboard() -> None:
     bench.fly(10.0)
     counts = Counter(message.get_type() for message in bench.client.messages())
     assert counts == {
-        "HEARTBEAT": 10, "SYSTEM_TIME": 10, "SCALED_PRESSURE": 10, "ATTITUDE": 500, "HIGHRES_IMU": 500,
-        "GPS_RAW_INT": 50, "GLOBAL_POSITION_INT": 500, "ALTITUDE": 100, "EXTENDED_SYS_STATE": 50, "HOME_POSITION": 5,
-        "SYS_STATUS": 50, "VFR_HUD": 100,
+        "HEARTBEAT": 10, "SYSTEM_TIME": 10, "SCALED_PRESSURE": 10, "ATTITUDE": 500,
+        "HIGHRES_IMU": 500, "GPS_RAW_INT": 50, "GLOBAL_POSITION_INT": 500, "ALTITUDE": 100,
+        "EXTENDED_SYS_STATE": 50, "HOME_POSITION": 5, "SYS_STATUS": 50, "VFR_HUD": 100,
     }  # fmt: skip
 
 
@@ -402,7 +402,8 @@ def test_the_home_is_told_by_the_older_command_too(flavour: str) -> None:
 def test_the_truth_of_the_air_goes_to_logs_and_to_who_asks(flavour: str, tmp_path: Path) -> None:
     path = tmp_path / "log.tlog"
     weather = {
-        "pressure": [{"time_s": 0, "sea_level_hpa": 1000}], "temperature": [{"time_s": 0, "offset_k": 10}],
+        "pressure": [{"time_s": 0, "sea_level_hpa": 1000}],
+        "temperature": [{"time_s": 0, "offset_k": 10}],
         "wind": {"speed_mps": 5, "from_deg": 180},
     }  # fmt: skip
     bench = as_(flavour, tlog=path, scenario={"weather": weather})
@@ -520,7 +521,8 @@ def test_a_set_that_is_refused_is_answered_with_the_old_value() -> None:
 
 
 class Two:
-    """A companion on one link, a ground station on another, and a third that nobody has spoken on."""
+    """A companion on one link, a ground station on another, and a third that nobody has spoken
+    on."""
 
     def __init__(self, flavour: str = "ardupilot", tlog: Path | None = None) -> None:
         self.bench = as_(flavour, clients=3, tlog=tlog)

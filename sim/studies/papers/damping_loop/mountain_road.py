@@ -3,11 +3,11 @@
 From 1350 m (Tabriz) 600 m up in five minutes, on a day 15 K warmer and 8 hPa lower than standard at
 sea level:
 
-===================  ===========================================================================================
-accelerometer 20 Hz  0.1 m/s2 white (a car shakes), 0.2 m/s2 bias (MEMS), 0.1 m/s2 / 60 s Gauss-Markov (attitude)
+===================  ===============================================================================
+accelerometer 20 Hz  0.1 m/s2 white, 0.2 m/s2 bias, 0.1 m/s2 / 60 s Gauss-Markov (attitude)
 barometer 10 Hz      0.3 m white, 1 m / 60 s Gauss-Markov (wind and ventilation around a car)
 GPS 1 Hz             climb 0.1 m/s white, height 2 m white
-===================  ===========================================================================================
+===================  ===============================================================================
 
 The car is level: its specific force is along the vertical, so that nothing but the vertical channel
 is tried.

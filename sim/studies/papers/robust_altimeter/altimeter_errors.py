@@ -104,8 +104,8 @@ class Result:
 
 
 def noises(generators: Sequence[np.random.Generator], iterations: int = ITERATIONS) -> Array:
-    """Standard normal draws (seeds, iterations + 1, 6): system noises, the two sensors, the INS that
-    both share; first the start's."""
+    """Standard normal draws (seeds, iterations + 1, 6): system noises, the two sensors, the INS
+    that both share; first the start's."""
     sizes = (iterations + 1, 5), (iterations + 1, 1)
     return np.stack(
         [np.hstack([each.standard_normal(size) for size in sizes]) for each in generators]

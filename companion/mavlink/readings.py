@@ -1,0 +1,54 @@
+"""Readings of the vehicle's messages: one message for each sensor, where several carry it."""
+
+from companion.mavlink import convert
+from companion.mavlink.codec import Message, mavlink
+from companion.mavlink.convert import Reading
+from companion.mavlink.imu import ImuSelector
+from companion.samples import Kind
+
+RAW_IMU = mavlink.MAVLINK_MSG_ID_RAW_IMU
+HIGHRES_IMU = mavlink.MAVLINK_MSG_ID_HIGHRES_IMU
+PRESSURE_TIMEOUT_US = 2_000_000
+
+
+class ReadingSelector:
+    """Converts messages, and tells which readings a better message replaces.
+
+    Parameters
+    ----------
+    air_temperature : key of `convert.THERMOMETERS`: the messages that tell the air's temperature.
+    """
+
+    def __init__(self, air_temperature: str) -> None:
+        self._air_temperature = air_temperature
+        self._imu = ImuSelector()
+        self._scaled_pressure_us = -PRESSURE_TIMEOUT_US
+
+    @property
+    def message_ids(self) -> set[int]:
+        """Ids of the messages that become readings."""
+        return {*convert.CONVERTERS, RAW_IMU, *convert.THERMOMETERS[self._air_temperature]}
+
+    def restart(self) -> None:
+        """The vehicle booted: its barometer may be sent in another message."""
+        self._scaled_pressure_us = -PRESSURE_TIMEOUT_US
+
+    def of(self, message: Message, message_id: int, autopilot: int) -> tuple[Reading, ...]:
+        """The readings of a message, in SI units."""
+        if message_id == RAW_IMU:
+            return self._imu.raw_imu(message, autopilot)
+        converter = convert.CONVERTERS.get(message_id)
+        readings = converter(message) if converter is not None else ()
+        thermometer = convert.THERMOMETERS[self._air_temperature].get(message_id)
+        return readings + thermometer(message) if thermometer is not None else readings
+
+    def is_replaced(self, reading: Reading, message_id: int, now_us: int) -> bool:
+        """Whether the same sensor has a better message. `now_us` is the vehicle's clock."""
+        if reading.kind is Kind.IMU:
+            return not self._imu.accepts(message_id, reading, now_us)
+        if reading.kind is Kind.PRESSURE:
+            if message_id == HIGHRES_IMU:
+                return now_us - self._scaled_pressure_us < PRESSURE_TIMEOUT_US
+            if reading.instance == 0:
+                self._scaled_pressure_us = now_us
+        return False

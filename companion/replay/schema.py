@@ -1,0 +1,36 @@
+"""The top of the report schema (``docs/report-schema.md``), which replay, compare, batch and the
+live state share.
+
+A change of meaning or the removal of a key raises `VERSION`; new keys do not.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from companion import __version__
+
+VERSION = "kollsman-report/1"
+
+
+def document(command: str, log: str, sessions: Sequence[dict[str, Any]], **more: Any) -> Any:
+    """The top of the schema around the sessions of one log."""
+    head = {"schema": VERSION, "kollsman": __version__, "command": command, "log": log}
+    return plain(head | more | {"sessions": list(sessions)})
+
+
+def plain(value: Any) -> Any:
+    """Python numbers, and None for what is not finite, so that the result is JSON."""
+    if isinstance(value, dict):
+        return {str(key): plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(each) for each in value]
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    if isinstance(value, int | np.integer):
+        return int(value)
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value

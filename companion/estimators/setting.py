@@ -114,8 +114,8 @@ def admit_setting(state: Rows, sample: Rows) -> int:
 def note_air(setting: Record, sample: Rows, in_flight: bool) -> bool:
     """Take the setting of an AIR sample; whether it tells anything new.
 
-    A QNH that comes before the first pressure holds where the vehicle is. One that comes later holds
-    where it was measured, or at sea level while that is unknown.
+    A QNH that comes before the first pressure holds where the vehicle is. One that comes later
+    holds where it was measured, or at sea level while that is unknown.
     """
     qnh, at_m, elevation = (
         sample[0].qnh_pa,

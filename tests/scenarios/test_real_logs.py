@@ -61,10 +61,6 @@ CASES = {
 
 
 KNOWN_MISSES = {
-    (estimator, log)
-    for estimator in ("baro-gnss-ins", "damping-loop", "baro-ins-kf")
-    for log in ("SITL_wlichon_mixed_signed", "SITL_wlichon_twin_sysid2")
-} | {
     (DEFAULT_ESTIMATOR, log)
     for log in (
         "pymavlink_swift_flight",
@@ -133,7 +129,8 @@ def test_what_is_published_is_near_the_healthy_source(name: str, estimator: str)
         return
     healthy_us, healthy_m = collector.track(case.healthy)
     expected_m = np.interp(times_us, healthy_us, healthy_m)
-    assert np.abs(altitudes_m - expected_m).max() <= LIMIT_M
+    # Others may be silent: the receiver of mixed_signed is in doubt by 26 m, baro-gnss-ins by 30.
+    assert np.abs(altitudes_m - expected_m).max(initial=0.0) <= LIMIT_M
 
 
 @pytest.mark.skipif(not DATA.exists(), reason="the recordings are not here")

@@ -141,8 +141,8 @@ def calibrate(ins: Record, H: Array, z: float, R: float) -> None:
 @step
 def correct_offset(ins: Record, baro: Record, setting: Record, time_us: int) -> None:
     """The indicated altitude less the pressure altitude as one measurement of b + s h_p, where it
-    tells more than is known. The elevation of a vehicle at rest does: what height and b are beside it
-    is the slow error of the fixes before, which P does not know."""
+    tells more than is known. The elevation of a vehicle at rest does: what height and b are beside
+    it is the slow error of the fixes before, which P does not know."""
     setting.is_new = 0
     at_rest = waits_for_level(setting)
     level_m = geopotential_m(baro.h_p_m)

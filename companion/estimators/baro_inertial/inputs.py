@@ -73,9 +73,9 @@ REACH_US = 1_000_000
 RING_SIZE = 64
 MOST_START_FIXES = 64
 START_SD_M, LARGEST_START_SD_M, START_WAIT_US = 20.0, 30.0, 20_000_000
-"""Spreads of fixes that count for the start: receivers slide by hundreds of metres while they report
-more. One that still reports more after this time will not do better; a start above the second could
-not be published."""
+"""Spreads of fixes that count for the start: receivers slide by hundreds of metres while they
+report more. One that still reports more after this time will not do better; a start above the
+second spread could not be published."""
 SETTLE_US = 2_000_000
 """for so long the barometer must have been there, or have contradicted the filter, before the
 filter starts at it"""

@@ -204,8 +204,8 @@ def find_datum(state: Rows, params: Rows, time_us: int, since_s: float) -> None:
 
 @step
 def on_air(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
-    """The setting of the altimeter: the datum of IBI until there is GNSS, and while the vehicle rests
-    on a field of known elevation. A temperature alone is IGNORED."""
+    """The setting of the altimeter: the datum of IBI until there is GNSS, and while the vehicle
+    rests on a field of known elevation. A temperature alone is IGNORED."""
     s = state[0]
     verdict = admit_setting(state, sample)
     if verdict != USED:

@@ -120,7 +120,7 @@ def test_the_elevation_is_not_told_elsewhere(changes: dict[str, float]) -> None:
 
 @pytest.mark.parametrize("flown", [{"landed": 0}, {"speed_mps": 40.0}, {"armed": 1, "sink_mps": 2}])
 def test_a_vehicle_that_has_left_rests_on_another_field(flown: dict[str, float]) -> None:
-    """Until somebody tells its elevation. A new start of the estimator in flight changes nothing."""
+    """Until somebody tells its elevation. A new start of the estimator changes nothing."""
     known = field()
     assert told_m(known, on_field(10.0, 20.0)) != []
     assert told_m(known, on_field(20.0, 40.0, **flown)) == []

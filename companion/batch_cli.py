@@ -14,8 +14,8 @@ from companion.common_cli import (
     ConfigOption,
     EstimatorOption,
     SetOption,
+    compile_first,
     resolve_settings,
-    say_if_compiling,
 )
 from companion.errors import LogFormatError
 from companion.log_cli import SettleOption
@@ -57,7 +57,7 @@ def batch(
 ) -> None:
     """Replay a folder of logs: which altitudes were wrong, and why. A stopped batch continues."""
     settings = resolve_settings(config, estimator, changes)
-    say_if_compiling(settings.estimator)
+    compile_first(settings, settings.estimator)
 
     from companion.replay.batch import find_logs, run_batch
     from companion.warmup import warm_up
@@ -77,6 +77,8 @@ def batch(
         )
     _show_fleet(table, top)
     print(f"wrote {out}/fleet.csv, fleet.parquet, fleet.json and rows/")
+    if (out / "index.html").exists():
+        print(f"wrote {out}/index.html: a report of each flight")
     if all(row["error"] is not None for row in table):
         raise LogFormatError("no log could be read; the reasons are in fleet.csv")
 

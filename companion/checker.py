@@ -2,11 +2,11 @@
 
 It shares nothing with an estimator. An altitude is supported near the barometer or the receiver
 (`companion.agreement`) while the two agree; near the other one while one of them is excluded; by
-none once they are 30 m apart and nothing says whose fault it is. What is not supported is not
-published. An estimator that was supported, and is not for 10 s while the sensors agree, is
+none once they are 30 m apart and the faulty one is not known. An altitude that is not supported is
+not published. An estimator that was supported, and is not for 10 s while the sensors agree, is
 restarted: once, until it was supported for 10 s again.
 
-Breaks when both sensors are wrong alike, or when the barometer shifts while there is no GNSS.
+It fails when both sensors are wrong alike, or when the barometer shifts while there is no GNSS.
 """
 
 import math
@@ -15,17 +15,17 @@ from companion.agreement import FRESH_US, Agreement
 from companion.samples import Kind, Rows
 
 LIMIT_M = 30.0
-"""No altitude that is 50 m wrong may be published: less 20 m: 10 m of drift not seen, 10 m the
-receiver's own."""
+"""Largest distance of a supported altitude from a sensor: an error of 50 m must not be published,
+less 10 m of unobserved drift and 10 m of GNSS error."""
 RESTART_US = 10_000_000
 
 
 class Checker:
-    """Follows the samples of one vehicle, and what its estimator makes of them."""
+    """Compares the altitude of an estimator with the samples of its vehicle."""
 
     def __init__(self) -> None:
         self.restarts = 0
-        """of the estimator, since the start"""
+        """number of restarts of the estimator"""
         self.restart()
 
     def restart(self) -> None:
@@ -43,7 +43,8 @@ class Checker:
             self.sensors.fix(row)
 
     def objection(self, now_us: int, altitude_m: float) -> str:
-        """Why the altitude is not supported; empty when it is, or when there is nothing to tell."""
+        """The reason why the altitude is not supported; empty when it is supported or cannot be
+        checked."""
         sensors = self.sensors
         (baro_us, baro_m), (gnss_us, gnss_m) = sensors.baro, sensors.gnss
         by_baro = now_us - baro_us <= FRESH_US and math.isfinite(sensors.difference_m)

@@ -1,4 +1,4 @@
-"""Continuing after a kill: the state of the pipeline, written every few seconds.
+"""Checkpoints: the state of the pipeline, written every few seconds, to continue after a kill.
 
 A process that is killed in flight and started again within `CheckpointSettings.fresh_s` continues
 from its last checkpoint instead of starting anew. A checkpoint is used only by the same code with

@@ -4,7 +4,6 @@ What is heavy (Numba, NumPy, pymavlink) is imported by the commands, so that ``-
 """
 
 import errno
-import logging
 import sys
 import time
 from contextlib import suppress
@@ -15,15 +14,21 @@ import typer
 
 from companion import batch_cli, live_cli, log_cli
 from companion.common_cli import (
+    Commands,
     ConfigOption,
+    QuietOption,
+    VerboseOption,
+    compile_first,
+    compile_for,
     resolve_settings,
-    say_if_compiling,
+    set_up_saying,
+    version_option,
 )
 from companion.errors import ConfigError, KollsmanError
 from companion.output import (
+    Output,
     discard_standard_output,
     open_standard_descriptors,
-    set_up_logging,
 )
 
 if TYPE_CHECKING:
@@ -35,10 +40,10 @@ OUTPUT_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EBADF}
 
 app = typer.Typer(
     name="kollsman",
+    cls=Commands,
     help="Estimate the true altitude of a MAVLink vehicle from barometer, GNSS and inertial "
     "sensors.",
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
@@ -57,26 +62,14 @@ Examples:
 """
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
-        from companion import __version__
-
-        print(f"kollsman {__version__}")
-        raise typer.Exit
-
-
 @app.callback()
 def _options(
     *,
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Log in more detail.")] = False,
-    version: Annotated[
-        bool,
-        typer.Option("--version", callback=_version, is_eager=True, help="Show version and exit."),
-    ] = False,
+    verbose: VerboseOption = 0,
+    quiet: QuietOption = False,
+    version: Annotated[bool, version_option("kollsman")] = False,
 ) -> None:
-    set_up_logging(logging.DEBUG if verbose else logging.INFO)
-    if not verbose:
-        logging.getLogger("numba").setLevel(logging.WARNING)
+    set_up_saying(verbose, quiet=quiet)
 
 
 app.command(epilog=live_cli.RUN_EXAMPLES)(live_cli.run)
@@ -120,7 +113,7 @@ def tune(
     tune_method = _tunable(estimator)
     log_cli.refuse_same(log, out)
     settings = resolve_settings(config, estimator)
-    say_if_compiling(estimator)
+    compile_first(settings, estimator)
 
     from companion.evaluation.samples import samples_of
 
@@ -189,12 +182,12 @@ def warm_up_command() -> None:
     """Compile everything now, so that the next start is quick (container images do this when
     built)."""
     from companion.settings import load_settings
-    from companion.warmup import warm_up
+    from companion.terminal import starting
 
-    settings = load_settings()
-    say_if_compiling(settings.estimator)
     started_s = time.perf_counter()
-    warm_up(settings)
+    with starting(Output(2)) as shown:
+        settings = load_settings()
+        compile_for(settings, [settings.estimator], shown)
     print(f"compiled in {time.perf_counter() - started_s:.1f} s")
 
 

@@ -1,4 +1,4 @@
-"""How far the altitude can be trusted: OK, DEGRADED or LOST.
+"""Health of the altitude: OK, DEGRADED or LOST.
 
 ===========  ====================================================================================
 OK           barometer and GNSS were both used within ``fresh_s``, the spread is within ``sd_ok_m``
@@ -35,7 +35,7 @@ EXCLUDED_NAMES = {
 }
 
 LOWEST_M, HIGHEST_M = -2000.0, 60_000.0
-"""No vehicle of ours is elsewhere."""
+"""bounds of a possible altitude"""
 
 
 class Health(IntEnum):
@@ -96,7 +96,8 @@ class HealthMonitor:
         self._assessed_us = -ASSESS_US
 
     def shift(self, by_us: int) -> None:
-        """Move every instant: our own pause of this length was no silence of the vehicle."""
+        """Shift every instant by the length of our own interruption, in which the vehicle was not
+        silent."""
         self._used_us = {kind: used_us + by_us for kind, used_us in self._used_us.items()}
         if self._better_since_us is not None:
             self._better_since_us += by_us
@@ -122,8 +123,8 @@ class HealthMonitor:
                 self._usable_us = host_us
 
     def age(self, host_us: int, others: Callable[[], str]) -> bool:
-        """Lose the height when the vehicle has been silent on the host's clock; True when the
-        health changed.
+        """Set health to LOST when the vehicle has been silent on the host's clock; True when it
+        changed.
 
         `others` tells who else is heard.
         """
@@ -166,7 +167,7 @@ class HealthMonitor:
         return changed
 
     def lose(self, reason: str) -> bool:
-        """There is no height, says the host's clock; True when the health changed."""
+        """Health is LOST by the host's clock; True when it changed."""
         changed = self.health is not Health.LOST
         self.health, self.reason, self._better_since_us = Health.LOST, reason, None
         return changed

@@ -27,7 +27,7 @@ import llvmlite.binding  # a part of Numba that does not read its configuration
 logger = logging.getLogger("kollsman.jit")
 
 KEPT_CACHES = 4
-"""Versions of one module that stay in the cache, besides those of the last day."""
+"""number of versions of one module that stay in the cache, besides those of the last day"""
 A_DAY_S = 86_400
 MARK = b"from companion.jit import step"
 _IMPORT = re.compile(
@@ -174,6 +174,7 @@ os.environ["NUMBA_CACHE_DIR"] = str(_CACHE)
 
 import numba  # noqa: E402  (reads NUMBA_CACHE_DIR when imported)
 from numba import types  # noqa: E402
+from numba.core import event  # noqa: E402
 from numba.core.caching import UserProvidedCacheLocator  # noqa: E402
 from numba.core.options import DefaultOptions  # noqa: E402
 
@@ -194,6 +195,28 @@ class CacheLocator(UserProvidedCacheLocator):  # type: ignore[misc]
 
 
 numba.config.CACHE_LOCATOR_CLASSES = f"{__name__}.CacheLocator,UserProvidedCacheLocator"
+
+
+class _Compilations(event.Listener):  # type: ignore[misc]
+    """Counts the functions that are compiled, not those that the cache has."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def on_start(self, event: Any) -> None:
+        self.count += 1
+
+    def on_end(self, event: Any) -> None:
+        """It was counted when it began."""
+
+
+_COMPILATIONS = _Compilations()
+event.register("numba:compile", _COMPILATIONS)
+
+
+def compiled_functions() -> int:
+    """How many functions this process has compiled, or begun to."""
+    return _COMPILATIONS.count
 
 
 def step(function: Function) -> Function:

@@ -28,7 +28,7 @@ Function = Callable[[Job], Result]
 
 KILLED = "a worker process was killed, and this job with it"
 ATTEMPTS = 3
-"""for a job whose worker process was killed"""
+"""number of attempts for a job whose worker process was killed"""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Storage:
 
 
 JSON = Storage(".json", lambda result: json.dumps(result).encode(), json.loads)
-"""for results of dictionaries, lists, texts and numbers"""
+"""storage of results that are dictionaries, lists, texts and numbers"""
 
 
 def run(

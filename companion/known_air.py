@@ -1,9 +1,8 @@
-"""What is known of the air beside the sensors: setting of the altimeter, temperature, field
-elevation.
+"""Values of the air that the user gives: QNH, air temperature, field elevation.
 
-It comes from section ``air`` of the configuration, or live through `KnownAir.set`. The pipeline
-tells it to the estimator as an AIR sample with the next pressure; the elevation of the field, while
-the vehicle rests on it (`companion.at_rest`), again every two seconds.
+They come from section ``air`` of the configuration, or live through `KnownAir.set`. The pipeline
+gives them to the estimator as an AIR sample before the next pressure; the elevation of the field,
+while the vehicle rests on it (`companion.at_rest`), again every two seconds.
 """
 
 import logging
@@ -46,7 +45,7 @@ def read_metar(text: str) -> Report:
 
 
 class AirSettings(Settings):
-    """Section ``air``: what is known of the air beside the sensors."""
+    """Section ``air``: values of the air that the user gives."""
 
     qnh_hpa: float | None = Field(None, ge=850, le=1100)
     """altimeter setting (QNH) of the field of the take-off; default: as GNSS shows."""
@@ -154,7 +153,9 @@ class KnownAir:
             self._untold = False
         if self._is_elevation_due(now_us):
             self._elevation_us = now_us
-            known = known._replace(field_elevation_m=self.field_elevation_m)
+            known = known._replace(
+                field_elevation_m=self.field_elevation_m, temperature_c=self.temperature_c
+            )
         return known if known != Known() else None
 
     def _is_elevation_due(self, now_us: int) -> bool:

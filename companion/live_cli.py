@@ -1,16 +1,13 @@
 """The command ``kollsman run``. What it prints goes through `output`, which never blocks or
 raises."""
 
-import dataclasses
 import json
-import logging
-import math
 import signal
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from functools import partial
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -18,15 +15,16 @@ from companion.common_cli import (
     ConfigOption,
     EstimatorOption,
     SetOption,
+    compile_for,
+    is_quiet,
     resolve_settings,
-    say_if_compiling,
 )
-from companion.notify import Notifier
-from companion.output import Output, set_up_logging, timestamp
+from companion.output import Output, use_json
+from companion.status_lines import Reporter, reporter
 
 if TYPE_CHECKING:
     from companion.links import Link
-    from companion.service import Service, Status
+    from companion.service import Service
     from companion.settings import CompanionSettings
     from companion.web.settings import HttpSettings
 
@@ -110,20 +108,16 @@ def run(
     """Serve a vehicle: read its sensors, send back ALTITUDE and the DEBUG family, until Ctrl-C."""
     started_s = time.perf_counter()
     if as_json:
-        set_up_logging(logging.getLogger().level, as_json=True)
-    settings = resolve_settings(config, estimator, changes)
-    say_if_compiling(settings.estimator)
-    settings = _with_options(settings, record, http, system_id, component_id)
-    _serve([link, *(more or [])], settings, Output(), started_s, as_json=as_json)
+        use_json()
+    telling = reporter(Output(), as_json=as_json, is_quiet=is_quiet())
+    with closing(telling):
+        settings = resolve_settings(config, estimator, changes)
+        settings = _with_options(settings, record, http, system_id, component_id)
+        _serve([link, *(more or [])], settings, telling, started_s)
 
 
 def _serve(
-    urls: list[str],
-    settings: "CompanionSettings",
-    output: Output,
-    started_s: float,
-    *,
-    as_json: bool,
+    urls: list[str], settings: "CompanionSettings", telling: Reporter, started_s: float
 ) -> None:
     """Open the links and serve the vehicle on them until a stop signal."""
     from companion.checkpoint import Checkpoint, fingerprint
@@ -133,7 +127,6 @@ def _serve(
     from companion.recording import Recording
     from companion.restarts import serve
     from companion.service import Service
-    from companion.warmup import warm_up
 
     clock = SystemClock()
     signing = open_signing(settings.signing)
@@ -142,32 +135,31 @@ def _serve(
         stack.callback(opened.close)
         path = settings.record.path
         recorder = stack.enter_context(Recording(path, settings.record)) if path else None
-        page = _live_page(settings.http, stack, output, as_json=as_json)
-        warm_up(settings)
+        page = _live_page(settings.http, stack, telling)
+        compile_for(settings, [settings.estimator], telling.starting)
         keeper = Checkpoint(settings.checkpoint, [opened.url], fingerprint(settings))
         build = partial(
             Service, opened, settings, clock, recorder=recorder, checkpoint=keeper, signing=signing
         )
-        lines: StatusLine | None = None
+        services: list[Service] = []
 
         def make() -> Service:
-            return build(earlier=lines.service if lines is not None else None)
+            services[:] = [build(earlier=services[0] if services else None)]
+            return services[0]
 
         def run_one(service: Service) -> None:
-            nonlocal lines
-            lines = StatusLine(service, output, as_json=as_json)
-            lines.ready(time.perf_counter() - started_s)
-            service.run(lambda: bool(stopped), lines.show, page(service) if page else None)
+            telling.ready(service, time.perf_counter() - started_s)
+            service.run(lambda: bool(stopped), telling.show, page(service) if page else None)
 
         _drain(opened)
         serve(make, run_one, clock)
         stack.close()
-        if lines is not None:
-            lines.stopped(recorder)
+        paths = [str(path) for path in recorder.paths] if recorder is not None else []
+        telling.stopped(services[0].summary(), paths)
 
 
 def _live_page(
-    settings: "HttpSettings", stack: ExitStack, output: Output, *, as_json: bool
+    settings: "HttpSettings", stack: ExitStack, telling: Reporter
 ) -> "Callable[[Service], Callable[[], None]] | None":
     """Serve the live page where the settings want one. What it returns takes a service, and gives
     what to call after each turn of its loop."""
@@ -182,12 +174,8 @@ def _live_page(
     server = WebServer(address, board, settings.hosts)
     stack.callback(server.close)
     server.start()
-    if as_json:
-        head = {"time": timestamp(time.time()), "event": "http"}
-        output.line(json.dumps(head | {"url": server.url}))
-    else:
-        reach = "" if address.is_loopback else "; every machine that reaches this one can read it"
-        output.line(f"live page: {server.url}{reach}")
+    reach = "" if address.is_loopback else "; every machine that reaches this one can read it"
+    telling.event("http", f"live page: {server.url}{reach}", url=server.url)
     return lambda service: Snapshots(service, board).poll
 
 
@@ -213,94 +201,6 @@ def _with_options(
     if http is not None:
         changes["http"] = settings.http.model_dump() | {"address": http}
     return settings.with_changes(**changes)
-
-
-class StatusLine:
-    """One line that is rewritten on a terminal; elsewhere a line a minute and at each change of
-    health. As JSON each is an object with ``event``: ready, status, stopped."""
-
-    PLAIN_PERIOD_S = 60.0
-
-    def __init__(self, service: "Service", output: Output, *, as_json: bool = False) -> None:
-        self.service = service
-        self._output = output
-        self._json = as_json
-        self._terminal = output.is_terminal and not as_json
-        self._last: tuple[Any, float] = (None, 0.0)
-        self._notifier = Notifier()
-
-    def ready(self, elapsed_s: float) -> None:
-        """The service is about to start."""
-        self._notifier.ready()
-        estimator, url = self.service.settings.estimator, self.service.link.url
-        if self._json:
-            self._object("ready", start_s=round(elapsed_s, 1), estimator=estimator, link=url)
-        else:
-            self._output.line(f"ready in {elapsed_s:.1f} s: {estimator} on {url}; Ctrl-C stops")
-
-    def show(self, status: "Status") -> None:
-        """The service goes on."""
-        self._notifier.alive(format_status(status))
-        if self._terminal:
-            self._output.write(f"\r\x1b[2K{format_status(status)}")
-            return
-        health, when_s = self._last
-        now_s = time.monotonic()
-        if health == status.health and now_s - when_s < self.PLAIN_PERIOD_S:
-            return
-        self._last = (status.health, now_s)
-        if self._json:
-            self._object("status", **dataclasses.asdict(status) | {"health": status.health.name})
-        else:
-            self._output.line(format_status(status))
-
-    def stopped(self, recorder: Any) -> None:
-        """The service has ended."""
-        self._notifier.stopping()
-        self._notifier.close()
-        paths = [str(path) for path in recorder.paths] if recorder is not None else []
-        if self._json:
-            self._object("stopped", summary=self.service.summary(), recorded=paths)
-            return
-        start = "\n" if self._terminal else ""
-        self._output.line(f"{start}stopped: {self.service.summary()}")
-        for path in paths:
-            self._output.line(f"recorded {path}")
-
-    def _object(self, event: str, **fields: Any) -> None:
-        head = {"time": timestamp(time.time()), "event": event}
-        self._output.line(json.dumps(head | _finite(fields), ensure_ascii=False, default=str))
-
-
-def _finite(value: Any) -> Any:
-    """`value` with None for what JSON cannot hold."""
-    if isinstance(value, dict):
-        return {key: _finite(inner) for key, inner in value.items()}
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
-
-
-def format_status(status: "Status") -> str:
-    """`status` as one readable line."""
-    if status.altitude_amsl_m == status.altitude_amsl_m:
-        level = f"  level {status.protection_level_m:.0f}" if status.protection_level_m > 0 else ""
-        altitude = (
-            f"{status.altitude_amsl_m:8.1f} m  sd {status.altitude_sd_m:4.1f}{level}"
-            f"  {status.climb_mps:+5.1f} m/s"
-        )
-    else:
-        altitude = "no altitude"
-    shown = ("pressure", "gnss", "imu", "altitude")
-    rates = "  ".join(f"{name} {status.rates_hz.get(name, 0.0):.0f}" for name in shown)
-    ids = status.vehicle.split()[0]
-    heard = [senders[ids] for senders in status.traffic.values() if ids in senders]
-    frames, lost = (sum(each[name] for each in heard) for name in ("frames", "lost"))
-    loss = f"  lost {100 * lost / (frames + lost):.1f} %" if lost else ""
-    return (
-        f"{status.health.name:8s} {altitude} | Hz: {rates} | {status.vehicle} | {status.link}{loss}"
-        f" | {status.reason}"
-    )
 
 
 @contextmanager
@@ -348,16 +248,17 @@ def doctor(
 
     Exit code 1 when something is wrong.
     """
-    settings = resolve_settings(config, None)
-    say_if_compiling(settings.estimator)
+    from companion.terminal import starting
+
+    with starting(Output(2)) as shown:
+        settings = resolve_settings(config, None)
+        compile_for(settings, [settings.estimator], shown)
 
     from companion import doctor as examining
     from companion.clock import SystemClock
     from companion.links import open_link
-    from companion.warmup import warm_up
 
     clock, output = SystemClock(), Output()
-    warm_up(settings)
     opened = open_link(link, clock)
     with ExitStack() as stack:
         stack.callback(opened.close)

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,14 +13,15 @@ from companion.common_cli import (
     ConfigOption,
     EstimatorOption,
     SetOption,
+    compile_first,
     resolve_settings,
-    say_if_compiling,
 )
 from companion.errors import ConfigError, LogFormatError
 from companion.report_cli import show
 
 if TYPE_CHECKING:
     from companion.replay.expect import Outcome
+    from companion.replay.run import Replayed
     from companion.settings import CompanionSettings
 
 REPLAY_EXAMPLES = """\b
@@ -28,6 +29,7 @@ Examples:
   kollsman replay flight.tlog
   kollsman replay flight.BIN --csv altitude.csv             (or OUT.parquet)
   kollsman replay flight.ulg --out with-altitude.tlog       (then open it in MAVExplorer)
+  kollsman replay flight.BIN --report flight.html           (open it in a browser)
   kollsman replay flight.tlog --json | jq '.sessions[0].sources'
   kollsman replay sitl.tlog --expect 'max<10' --expect 'nees<2' --junit result.xml
 """
@@ -64,6 +66,14 @@ CsvOption = Annotated[
         help="File of estimates, one row for each barometer and GNSS sample; Parquet if its name "
         "ends in .parquet.",
         metavar="OUT.csv",
+    ),
+]
+ReportOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="The flight report: a page with verdict, linked charts and tables; the charts alone "
+        "where the name ends with .png.",
+        metavar="OUT.html",
     ),
 ]
 OutOption = Annotated[
@@ -108,6 +118,7 @@ def replay(
     changes: SetOption = None,
     csv: CsvOption = None,
     out: OutOption = None,
+    report: ReportOption = None,
     as_json: JsonOption = False,
     smooth: SmoothOption = False,
     settle: SettleOption = 60.0,
@@ -115,30 +126,48 @@ def replay(
     junit: JunitOption = None,
 ) -> None:
     """Run logs through the same code as live, and report each session."""
-    for log in logs:
-        refuse_same(log, out, csv)
-    if len(logs) > 1 and (out or csv):
-        raise ConfigError("--csv and --out take one log; name one, or use `kollsman batch`")
+    _refuse_outputs(logs, out, csv, report)
     settings = resolve_settings(config, estimator, changes)
     from companion.replay import expect as expecting
 
     expectations = expecting.parse(expect or [])
-    say_if_compiling(settings.estimator)
+    compile_first(settings, settings.estimator)
     reports, outcomes = [], []
+    pages: list[Path] = []
     for log in logs:
-        report = _replay_one(log, settings, settle, csv, out, smoothing=smooth)
-        for session in report["sessions"]:
+        found = _replay_one(log, settings, settle, csv, out, smoothing=smooth)
+        if report:
+            from companion.replay.reports import write_reports
+
+            pages = write_reports(found, report, log.name)
+        for session in found.report["sessions"]:
             where = f"{log.name} session {session['session']}"
             outcomes += expecting.hold(where, expectations, session["sources"].get("estimate"))
-        reports.append(report)
+        reports.append(found.report)
         if not as_json:
-            show(report)
+            show(found.report)
     if as_json:
         print(json.dumps(reports[0] if len(reports) == 1 else reports, indent=2))
     else:
-        for path in filter(None, (csv, out)):
+        for path in filter(None, (csv, out, *pages)):
             print(f"wrote {path}")
     conclude("kollsman replay", outcomes, junit)
+
+
+def _refuse_outputs(
+    logs: list[Path], out: Path | None, csv: Path | None, report: Path | None
+) -> None:
+    """Refuse what cannot be written, before a log is read."""
+    for log in logs:
+        refuse_same(log, out, csv, report)
+    if len(logs) > 1 and (out or csv or report):
+        raise ConfigError(
+            "--csv, --out and --report take one log; name one, or use `kollsman batch`"
+        )
+    if report:
+        from companion.replay.reports import check
+
+        check(report)
 
 
 def _replay_one(
@@ -149,8 +178,8 @@ def _replay_one(
     out: Path | None,
     *,
     smoothing: bool,
-) -> dict[str, Any]:
-    """Replay a log, write what was asked for, and return its report."""
+) -> "Replayed":
+    """Replay a log, and write the tables and the log that were asked for."""
     from companion.logs.tlog import TlogWriter
     from companion.replay.run import replay as replay_log
     from companion.replay.table import write
@@ -168,7 +197,7 @@ def _replay_one(
         )
     if csv:
         write(csv, found.tables())
-    return found.report
+    return found
 
 
 def compare(
@@ -188,13 +217,13 @@ def compare(
     refuse_same(log, plot, stanford)
     settings = resolve_settings(config, None, changes)
     names = _estimators(estimator)
-    say_if_compiling(*names)
+    compile_first(settings, *names)
 
     from companion.evaluation import compare as comparing
     from companion.evaluation import comparison_plots as plots
     from companion.evaluation import table as comparing_table
+    from companion.replay.findings import utc
     from companion.replay.schema import document
-    from companion.replay.summary import utc
 
     with bar(log.name, 1.0) as advance:
         found = comparing.compare_sessions(log, settings, settle, advance, names)

@@ -10,7 +10,7 @@ import socket
 
 
 class Notifier:
-    """Tells systemd about this process."""
+    """Sends the state of this process to systemd."""
 
     def __init__(self, address: str | None = None) -> None:
         address = address if address is not None else os.environ.get("NOTIFY_SOCKET", "")

@@ -14,6 +14,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 STANDARD = (0, 1, 2)
+DATE_FORMAT = "%Y-%m-%d %H:%M:%S"
 
 
 def open_standard_descriptors() -> None:
@@ -48,6 +49,7 @@ class Output:
         self.descriptor = descriptor
         self.dropped = 0
         """lines that could not be written"""
+        self._writes_to = _unblocked(descriptor)
 
     @property
     def is_terminal(self) -> bool:
@@ -64,12 +66,24 @@ class Output:
         """Write `text`, or drop it when the descriptor does not take it now."""
         data = text.encode("utf-8", "replace")
         try:
-            if select.select([], [self.descriptor], [], 0.0)[1]:
-                os.write(self.descriptor, data[: select.PIPE_BUF])
-                return
+            while data and select.select([], [self._writes_to], [], 0.0)[1]:
+                data = data[os.write(self._writes_to, data[: select.PIPE_BUF]) :]
         except (OSError, ValueError):
             pass
-        self.dropped += 1
+        if data:
+            self.dropped += 1
+
+
+def _unblocked(descriptor: int) -> int:
+    """A terminal opened anew, so that writing never waits for it: it says that it takes bytes, and
+    then waits until it has taken all of them. Elsewhere `descriptor` itself."""
+    try:
+        if os.isatty(descriptor):
+            flags = os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY
+            return os.open(os.ttyname(descriptor), flags)
+    except OSError:  # a terminal of another container has no name here
+        pass
+    return descriptor
 
 
 class LogHandler(logging.Handler):
@@ -78,6 +92,11 @@ class LogHandler(logging.Handler):
     def __init__(self, output: Output) -> None:
         super().__init__()
         self._output = output
+
+    @property
+    def is_terminal(self) -> bool:
+        """Whether the lines appear on a terminal."""
+        return self._output.is_terminal
 
     def emit(self, record: logging.LogRecord) -> None:
         try:
@@ -115,18 +134,23 @@ def timestamp(unix_s: float) -> str:
     return datetime.fromtimestamp(unix_s, UTC).isoformat(timespec="milliseconds")
 
 
-def set_up_logging(level: int, *, as_json: bool = False) -> None:
-    """Send log records to standard error: as text, as JSON lines, or in the journal's form."""
+def set_up_logging(level: int) -> None:
+    """Send log records to standard error: as text, or in the journal's form."""
     handler = LogHandler(Output(2))
-    if as_json:
-        handler.setFormatter(JsonFormatter())
-    elif os.environ.get("JOURNAL_STREAM"):
+    if os.environ.get("JOURNAL_STREAM"):
         handler.setFormatter(JournalFormatter())
     else:
         handler.setFormatter(
-            logging.Formatter("%(asctime)s %(name)s: %(message)s", datefmt="%H:%M:%S")
+            logging.Formatter("%(asctime)s %(name)s: %(message)s", datefmt=DATE_FORMAT)
         )
     root = logging.getLogger()
     root.handlers = [each for each in root.handlers if not isinstance(each, LogHandler)]
     root.addHandler(handler)
     root.setLevel(level)
+
+
+def use_json() -> None:
+    """Write log records as JSON objects from now on."""
+    for handler in logging.getLogger().handlers:
+        if isinstance(handler, LogHandler):
+            handler.setFormatter(JsonFormatter())

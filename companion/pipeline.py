@@ -93,10 +93,8 @@ class Pipeline:
             settings, AirSettings, lambda key: getattr(self.air, key), self._set_air
         )
         self._requests = Requests(self.parameters)
-        self._wanted = self.readings.message_ids | {
-            *(SYSTEM_TIME, ALTITUDE, GLOBAL_POSITION_INT),
-            *self._listeners,
-        }
+        self._wanted = self.readings.message_ids | {SYSTEM_TIME, ALTITUDE, GLOBAL_POSITION_INT}
+        self._wanted |= self._listeners.keys()
         if self.feedback.knob is not None:
             self._wanted.add(PARAM_VALUE)
         self.observe(observer)
@@ -141,6 +139,11 @@ class Pipeline:
         self._wants_imu = observer is not None or Kind.IMU in self.filter.method.uses
         if observer is not None:
             self._wanted.add(SIM_STATE)
+
+    def listen(self, message_id: int, listener: Callable[[Message], None]) -> None:
+        """Call `listener` for each message of this id, in place of the one before."""
+        self._listeners[message_id] = listener
+        self._wanted.add(message_id)
 
     def branch(self, observer: Observer) -> "Pipeline":
         """A second pipeline that goes on from here by itself, as if the packets differed from now

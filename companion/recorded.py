@@ -1,4 +1,4 @@
-"""What a log's reader hands to the pipeline, one item after the other in the order of the file.
+"""Items that a log's reader gives to the pipeline, in the order of the file.
 
 A telemetry log gives MAVLink frames. An autopilot's own log has no frames: it gives readings in SI
 units, heights to compare with, and frames of a HEARTBEAT made up once a second, so that vehicle,

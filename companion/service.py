@@ -69,10 +69,10 @@ class Status:
     protection_level_m: float
     climb_mps: float
     rates_hz: dict[str, float]
-    """of each sensor kind and of our ALTITUDE, since the last status"""
+    """rates of each sensor kind and of our ALTITUDE since the last status"""
     link: str
     traffic: dict[str, dict[str, dict[str, float]]]
-    """of each link and sender: frames, lost, jitter_s"""
+    """for each link and sender: frames, lost, jitter_s"""
     rejected: dict[str, int]
     """bad input by cause"""
 

@@ -9,6 +9,7 @@ from companion.pipeline import Pipeline
 from companion.samples import Packet
 from companion.settings import CompanionSettings
 
+COMPILING = "compiling the estimators, once after an installation or an update"
 SECONDS = 4
 RATE_HZ = 4
 

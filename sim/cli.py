@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from companion.common_cli import Commands, version_option
 from companion.errors import KollsmanError
 from companion.log_cli import ExpectOption, JunitOption, hold_log
 from sim.flight_cli import DemoTable, print_summary, run_with_progress
 from sim.studies import cli as fleet
 from sim.studies import limits_cli
 from sim.studies.goals import cli as evaluation
+from sim.studies.papers import cli as papers_cli
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
@@ -26,9 +28,9 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="kollsman-sim",
+    cls=Commands,
     help="Simulate a MAVLink autopilot: JSBSim flies an aircraft model through weather.",
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
@@ -117,6 +119,13 @@ _FlavourOption = Annotated[
         metavar="AUTOPILOT",
     ),
 ]
+
+
+@app.callback()
+def _options(
+    *,
+    version: Annotated[bool, version_option("kollsman-sim")] = False,
+) -> None: ...
 
 
 @app.command(epilog=_FLY_EXAMPLES)
@@ -317,63 +326,10 @@ def _print_faults() -> None:
     Console().print(shown)
 
 
-@app.command()
-def reproduce(
-    papers: Annotated[
-        list[str] | None,
-        typer.Argument(help="Key letters: H W C R K. Default: all.", metavar="[KEY]..."),
-    ] = None,
-    *,
-    seeds: Annotated[
-        int | None,
-        typer.Option(
-            min=2, help="Number of Monte-Carlo runs of each paper. Default: each paper's own."
-        ),
-    ] = None,
-    seed_root: Annotated[
-        int,
-        typer.Option(
-            min=0, help="Root of all seeds; another root draws other random numbers.", metavar="N"
-        ),
-    ] = 0,
-    out: Annotated[
-        Path, typer.Option(help="Folder of the pages and figures.", metavar="DIR")
-    ] = Path("out/papers"),
-) -> None:
-    """Repeat the simulations of the five papers and compare the estimators with the printed
-    results."""
-    from rich.console import Console
-    from rich.progress import Progress as ProgressBar
-
-    from sim.studies.page import SEED_ROOT
-    from sim.studies.papers import PAPERS
-    from sim.studies.papers.page import summary
-
-    SEED_ROOT.set(seed_root)
-
-    keys = list(dict.fromkeys(key.upper() for key in papers or PAPERS))
-    unknown = [key for key in keys if key not in PAPERS]
-    if unknown:
-        raise _usage(f"paper '{unknown[0]}' is unknown: give one of {', '.join(PAPERS)}")
-    console = Console(stderr=True)
-    with ProgressBar(console=console, transient=True, disable=not console.is_terminal) as bar:
-        for key in keys:
-            paper = PAPERS[key]
-            task = bar.add_task(paper.slug, total=1.0)
-            report = partial(_report_share, bar, task, paper.slug)
-            page = paper.reproduce(seeds or paper.seeds, out, report)
-            path = page.write()
-            report(1.0, "done")
-            print(f"{key}  {path}  {page.seeds} seeds: {summary(page.counts)}")
-
-
 app.command(epilog=evaluation.EXAMPLES)(evaluation.evaluate)
 app.command(epilog=fleet.FEEDBACK_EXAMPLES)(fleet.feedback)
 app.command(epilog=limits_cli.EXAMPLES)(limits_cli.limits)
-
-
-def _report_share(bar: "Bar", task: "TaskID", name: str, fraction: float, what: str) -> None:
-    bar.update(task, completed=fraction, description=f"{name}: {what}")
+app.command(epilog=papers_cli.EXAMPLES)(papers_cli.reproduce)
 
 
 def main() -> None:

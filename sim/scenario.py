@@ -163,8 +163,8 @@ class Scenario(Settings):
 
 
 def check_order(legs: Sequence[str], model: Model, *, aloft: bool) -> None:
-    """That each leg begins where the one before has ended, on the ground or in the air, with an
-    engine if it needs one.
+    """Check that each leg begins where the leg before it ended, on the ground or in the air, with
+    an engine if it needs one.
 
     Raises `ValueError`.
     """

@@ -52,7 +52,7 @@ def models_in(annotation: Any) -> list[type[BaseModel]]:
 
 
 def _rows(model: type[BaseModel], prefix: str) -> Iterator[Row]:
-    """Of a model and the models within it; alternatives have sections of their own."""
+    """The rows of a model and of the models within it; alternatives have sections of their own."""
     for name, field in model.model_fields.items():
         models, key = models_in(field.annotation), f"{prefix}{name}"
         key += "[]" if get_origin(field.annotation) is tuple else ""

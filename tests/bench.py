@@ -64,6 +64,7 @@ def main() -> None:
         campaigns,
         estimators,
         logs,
+        papers,
     )
     for part in [part for part in parts if part.__name__ in sys.argv[1:]] or parts:
         print(f"measuring: {part.__name__.replace('_', ' ')} ...", file=sys.stderr, flush=True)
@@ -489,6 +490,30 @@ def estimators() -> list[Row]:
             (f"`{name}`, a sample in the compiled loop", f"{1e6 * best_s / len(log):.2f} us", "")
         )
     return rows
+
+
+def papers() -> list[Row]:
+    """Paper H, section 5: processor time of the adaptive filter over that of the fixed one, on the
+    paper's descent under drift; median of 15 pairs."""
+    from sim.studies.page import generators
+    from sim.studies.papers.adaptive_fusion import simulation as paper_h
+
+    rows = paper_h.VehicleRows()
+    noise = generators("H", 1)[0].standard_normal((2, paper_h.PRESSURE_KPA.size))
+    baro_m = paper_h.DRIFT.baro_m + paper_h.R_B**0.5 * noise[0]
+    rows.fill(baro_m, paper_h.DRIFT.truth_m + paper_h.R_GPS**0.5 * noise[1])
+
+    def fifty(gain: paper_h.Gain) -> None:
+        for _ in range(50):
+            rows.estimates(gain)
+
+    rows.estimates("fixed")
+    ratios = [
+        cpu_of(partial(fifty, "adaptive")) / cpu_of(partial(fifty, "fixed")) for _ in range(15)
+    ]
+    return [
+        ("paper H: adaptive over fixed filter, processor time", f"{median(ratios):.2f}", "1.14")
+    ]
 
 
 def logs() -> list[Row]:

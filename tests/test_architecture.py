@@ -4,7 +4,9 @@ map."""
 import ast
 import inspect
 import re
+from collections.abc import Mapping
 from functools import cache
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -221,3 +223,24 @@ def _with_constants(names: set[str], constants: dict[str, set[str]]) -> set[str]
             known.add(inner)
             waiting.append(inner)
     return known
+
+
+def test_no_import_circle() -> None:
+    """Of the imports at the top of modules; those inside functions may go anywhere."""
+    modules = {
+        name_of(path).removesuffix(".py").removesuffix("/__init__").replace("/", "."): path
+        for path in FILES
+    }
+    needs = {name: _needed(tree_of(path), modules) for name, path in modules.items()}
+    TopologicalSorter(needs).prepare()  # raises CycleError with the circle
+
+
+def _needed(tree: ast.Module, modules: Mapping[str, Path]) -> set[str]:
+    found: set[str] = set()
+    for node in tree.body:
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            inner = {f"{node.module}.{alias.name}" for alias in node.names}
+            found |= inner if inner & modules.keys() else {str(node.module)}
+    return found & modules.keys()

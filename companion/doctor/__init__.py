@@ -1,4 +1,4 @@
-"""What is wrong with a vehicle's telemetry, in plain words, and which autopilot parameter cures it.
+"""Examines a vehicle's telemetry, and names the autopilot parameters to set.
 
 The companion serves the link for some seconds exactly as ``kollsman run`` does, and what was heard
 is then checked rule by rule. A rule is a function ``(Case) -> Finding | None`` in `RULES`. Nothing

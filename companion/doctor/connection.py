@@ -1,4 +1,4 @@
-"""Rules about the link, who speaks on it, and clocks."""
+"""Rules about the link, its senders, and clocks."""
 
 from collections.abc import Iterator
 from itertools import pairwise

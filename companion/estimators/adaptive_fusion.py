@@ -4,7 +4,7 @@ C. Hajiyev, U. Hacizade, D. Cilden-Guler, "Integration of Barometric and GPS Alt
 Data Fusion Algorithm", 2019. The paper's letters:
 
 ==============  =========================  =========================================================
-h^B             ``baro``                   standard-atmosphere altitude of the pressure (1)
+h^B             ``baro_m``                 barometer height (1), with p_0 and T_0 of (31)
 h^GPS           ``altitude_amsl_m``        GNSS height
 R_B, R_GPS      ``R_B, R_GPS``             variances of the two, m2
 Delta           ``delta``                  residual h^GPS - h^B (18)
@@ -33,6 +33,9 @@ Departures
   barometer height at the fix's own time, interpolated, since a fix arrives late.
 - Geometric height of the full standard atmosphere instead of (1), which is its troposphere in
   geopotential metres.
+- p_0 and T_0 of (31) are those of the setting window: a QNH and the field's air temperature, from
+  `companion.estimators.setting`. While none is given they are the standard's. When they change, the
+  held Delta changes by as much as h^B.
 - ``gnss_variance_m2``: the paper's constant 169 m2, or the reported variance
   (default).
 - The estimate's ``altitude_sd_m`` is not sqrt(P). When (28) fires, the estimate is exactly h^GPS -
@@ -43,9 +46,8 @@ Departures
 - Climb is the slope of the barometer height, smoothed over one second; the paper has none.
 - A fix without a barometer height within two seconds of it is taken as it is: GNSS height alone,
   the limit R_B -> infinity. The last correction is kept for a barometer that comes back.
-
-- Without GNSS, or once the held correction is less certain than it, the altitude is the indicated
-  one of `companion.estimators.setting`, if a QNH is known.
+- Without GNSS, or once the held correction is less certain than the setting, the altitude is h^B of
+  the setting, if a QNH is known.
 
 Breaks when
 -----------
@@ -91,7 +93,7 @@ from companion.estimators.setting import (
     setting_start,
 )
 from companion.jit import step
-from companion.kernels.atmosphere import baro_altitude_m, pressure_altitude_m
+from companion.kernels.atmosphere import geometric_m, pressure_altitude_m
 from companion.kernels.gnss import gnss_sd_m
 from companion.kernels.ring import at, clear, push, ring_fields
 from companion.samples import Kind, Rows, Tables, readable, rows
@@ -105,10 +107,11 @@ STATE = state_dtype(
     ("setting", SETTING),
     ("outage", OUTAGE),
     ("level_m", "f8"),  # newest pressure altitude, geopotential
-    *ring_fields("baro", RING_SIZE),  # recent barometer heights
-    ("baro_m", "f8"),  # the newest of them
+    *ring_fields("level", RING_SIZE),  # the recent ones
+    ("baro_m", "f8"),  # newest barometer height h^B
     ("climb_mps", "f8"),
     ("corrected_us", "i8"),  # time of the fix that the following come from, -1 before the first
+    ("R_GPS_m2", "f8"),  # variance of that fix
     ("delta_m", "f8"),  # residual (18)
     ("S", "f8"),
     ("K", "f8"),
@@ -153,13 +156,14 @@ def init(params: Rows) -> Rows:
 def start(state: Rows) -> None:
     """Forget everything but the counters."""
     reset(state)
-    clear(state[0].baro_us, state[0].baro_values)
+    clear(state[0].level_us, state[0].level_values)
     setting_start(state[0].setting)
     outage_start(state[0].outage)
     state[0].level_m = math.nan
     state[0].baro_m = math.nan
     state[0].climb_mps = math.nan
     state[0].corrected_us = -1
+    state[0].R_GPS_m2 = math.nan
     state[0].delta_m = math.nan
     state[0].S = math.nan
     state[0].K = math.nan
@@ -191,6 +195,17 @@ def fused_sd_m(delta: float, S: float, K: float, R_B: float, R_GPS: float) -> fl
 
 
 @step
+def adapt(state: Rows, params: Rows, delta_m: float) -> None:
+    """Adaptive factor, gain and P for a residual (17), (27), (28), (30)."""
+    s, p = state[0], params[0]
+    s.delta_m = delta_m
+    s.S = adaptive_factor(delta_m, p.R_B_m2, s.R_GPS_m2) if p.adaptive == 1 else 1.0
+    s.K = gain(s.S, p.R_B_m2, s.R_GPS_m2)
+    s.P_m2 = s.R_GPS_m2 * s.K
+    s.sd_m = fused_sd_m(delta_m, s.S, s.K, p.R_B_m2, s.R_GPS_m2)
+
+
+@step
 def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     """h = h^B + K Delta (15), with the correction of the last fix."""
     s = state[0]
@@ -199,7 +214,9 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     verdict = judge_pressure(state, sample, LOWEST_PA, HIGHEST_PA)
     if verdict != USED:
         return tally(state, PRESSURE, verdict)
-    baro = baro_altitude_m(sample[0].pressure_pa)
+    s.level_m = pressure_altitude_m(sample[0].pressure_pa)
+    note_level(s.setting, s.level_m)
+    baro = indicated_m(s.setting, s.level_m)
     elapsed_s = (sample[0].time_us - s.last_us[PRESSURE, 0]) * 1e-6
     if s.last_us[PRESSURE, 0] < 0 or elapsed_s > BARO_TIMEOUT_US * 1e-6:
         s.climb_mps = math.nan
@@ -209,17 +226,16 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         s.climb_mps = (
             slope if math.isnan(s.climb_mps) else s.climb_mps + weight * (slope - s.climb_mps)
         )
-    s.baro_m, s.level_m = baro, pressure_altitude_m(sample[0].pressure_pa)
-    note_level(s.setting, s.level_m)
+    s.baro_m = baro
     place(state, PRESSURE, 0, sample[0].time_us)
-    push(s.baro_us, s.baro_values, sample[0].time_us, baro)
+    push(s.level_us, s.level_values, sample[0].time_us, s.level_m)
     write_estimate(state, params, estimate)
     return tally(state, PRESSURE, USED)
 
 
 @step
 def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
-    """Residual, adaptive factor and gain of a fix (18), (27), (28), (30)."""
+    """Residual of a fix (18), and what follows from it."""
     s, p = state[0], params[0]
     if sample[0].instance != 0:
         return tally(state, GNSS, IGNORED)
@@ -229,21 +245,17 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     place(state, GNSS, 0, sample[0].time_us)
     sd_m = gnss_sd_m(sample, p.gnss_sd_floor_m, p.gnss_sd_unknown_m)
     R_GPS = sd_m * sd_m if math.isnan(p.R_GPS_m2) else p.R_GPS_m2
-    baro = at(s.baro_us, s.baro_values, sample[0].time_us, BARO_TIMEOUT_US)
-    if math.isnan(baro):
+    level_m = at(s.level_us, s.level_values, sample[0].time_us, BARO_TIMEOUT_US)
+    if math.isnan(level_m):
         write_gnss_alone(sample, R_GPS, estimate)
     else:
-        s.corrected_us = sample[0].time_us
-        s.delta_m = sample[0].altitude_amsl_m - baro
-        s.S = adaptive_factor(s.delta_m, p.R_B_m2, R_GPS) if p.adaptive == 1 else 1.0
-        s.K = gain(s.S, p.R_B_m2, R_GPS)
-        s.P_m2 = R_GPS * s.K
-        s.sd_m = fused_sd_m(s.delta_m, s.S, s.K, p.R_B_m2, R_GPS)
+        s.corrected_us, s.R_GPS_m2 = sample[0].time_us, R_GPS
+        adapt(state, params, sample[0].altitude_amsl_m - indicated_m(s.setting, level_m))
         note_difference(
             s.outage,
             sample[0].time_us,
             sample[0].altitude_amsl_m,
-            baro,
+            geometric_m(level_m),
             sample[0].ground_speed_mps,
             sd_m,
         )
@@ -253,14 +265,18 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
 
 @step
 def on_air(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
-    """The setting of the altimeter, for times without GNSS. A temperature alone is IGNORED."""
+    """p_0 and T_0 of (31), from the setting of the altimeter. A temperature alone is IGNORED."""
     s = state[0]
-    verdict = admit_setting(state, sample)
+    verdict = admit_setting(state, sample, False)
     if verdict != USED:
         return verdict
     note_air(s.setting, sample, not math.isnan(s.level_m))
     if not math.isnan(s.level_m):
         note_level(s.setting, s.level_m)
+        before_m = s.baro_m
+        s.baro_m = indicated_m(s.setting, s.level_m)
+        if s.corrected_us >= 0:
+            adapt(state, params, s.delta_m + before_m - s.baro_m)
         write_estimate(state, params, estimate)
     return verdict
 
@@ -268,24 +284,23 @@ def on_air(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
 @step
 def write_estimate(state: Rows, params: Rows, estimate: Rows) -> None:
     """The newest barometer height with the last correction, its spread grown by the time since; or
-    the indicated altitude, where a setting is known and has the smaller spread."""
+    without it, where a setting is known and has the smaller spread."""
     s = state[0]
     sd_m = math.inf
     if s.corrected_us >= 0:
-        sd_m = math.sqrt(s.sd_m * s.sd_m + growth_m2(s.outage, s.now_us, s.baro_m))
+        sd_m = math.sqrt(s.sd_m * s.sd_m + growth_m2(s.outage, s.now_us, geometric_m(s.level_m)))
     correction_m = s.K * s.delta_m
     if is_set(s.setting) and not math.isnan(s.level_m):
-        indicated = indicated_m(s.setting, s.level_m)
-        indicated_sd = indicated_sd_m(s.setting, indicated, s.now_us)
+        indicated_sd = indicated_sd_m(s.setting, s.baro_m, s.now_us)
         if indicated_sd < sd_m:
-            correction_m, sd_m = indicated - s.baro_m, indicated_sd
+            correction_m, sd_m = 0.0, indicated_sd
     if sd_m == math.inf:
         return
     estimate[0].time_us = s.last_us[PRESSURE, 0]
     estimate[0].altitude_amsl_m = s.baro_m + correction_m
     estimate[0].climb_mps = s.climb_mps
     estimate[0].altitude_sd_m = sd_m
-    estimate[0].baro_offset_m = correction_m
+    estimate[0].baro_offset_m = s.baro_m + correction_m - geometric_m(s.level_m)
     estimate[0].innovation_m = s.delta_m
 
 

@@ -48,7 +48,7 @@ class Method:
     """after a lasting step of the barometer the altitude comes back to GNSS: the step is learned,
     not kept"""
     version: int = 1
-    """of the state's meaning; a checkpoint of another version is refused"""
+    """version of the state's meaning; a checkpoint of another version is refused"""
     tune: Callable[..., Any] | None = None
     """tune(log, settings, seed, generations, on_progress): gains from a flight; None when it has no
     such search"""

@@ -2,9 +2,10 @@
 
 An altimeter set to a QNH indicates H_p(p) - H_p(QNH), geopotential. The setting comes in AIR
 samples: a QNH, or the known elevation of the field on which the vehicle rests; the elevation counts
-more, as it sets the altimeter to the vehicle's own barometer. An estimator holds a
-`SETTING` record, calls `note_air` for an AIR sample that `judge_air` admits, and asks
-`indicated_m` and `indicated_sd_m` where GNSS tells nothing.
+more, as it sets the altimeter to the vehicle's own barometer. An air temperature in the same sample
+is that of the field: heights above the field are then scaled by its ratio to the standard
+temperature there. An estimator holds a `SETTING` record, calls `note_air` for an AIR sample that
+`judge_air` admits, and asks `indicated_m` and `indicated_sd_m`.
 
 The spread of the indicated altitude has four parts: that of the setting itself, weather since it
 was set, the temperature of the column between the field and the vehicle, and the barometer's own
@@ -29,6 +30,8 @@ from companion.estimators.judging import (
 )
 from companion.jit import step
 from companion.kernels.atmosphere import (
+    L0_KPM,
+    T0_K,
     geometric_m,
     geopotential_m,
     pressure_altitude_m,
@@ -50,6 +53,9 @@ WEATHER_MPS = 0.003
 """Drift of the pressure level with weather: 10 m an hour."""
 COLUMN_RATIO = 0.035
 """Relative error of the height above the field where the air is 10 K off the standard."""
+KNOWN_COLUMN_RATIO = 0.015
+"""The same where the field's air temperature is known: 2 K of the thermometer, and a lapse rate
+that is 3 K/km off up to 2.5 km above the field (4 K in 280 K together)."""
 M_PER_PA = 0.0832
 """Change of the indicated altitude per pascal of setting, at sea level."""
 
@@ -61,6 +67,7 @@ SETTING = np.dtype(
         ("set_us", "i8"),
         ("field_m", "f8"),  # height where the setting holds; NaN: where the next pressure is
         ("elevation_m", "f8"),  # known elevation that waits for a pressure, NaN none
+        ("air_k", "f8"),  # air temperature at the field, NaN unknown
         ("is_new", "i8"),  # 1 until the estimator has used it
     ],
     align=True,
@@ -72,7 +79,7 @@ SETTING = np.dtype(
 def setting_start(setting: Record) -> None:
     """No setting known."""
     setting.qnh_pa, setting.field_m, setting.elevation_m = math.nan, math.nan, math.nan
-    setting.told_pa, setting.sd_m = math.nan, math.nan
+    setting.told_pa, setting.sd_m, setting.air_k = math.nan, math.nan, math.nan
     setting.set_us, setting.is_new = -1, 0
 
 
@@ -82,8 +89,7 @@ def judge_air(state: Rows, sample: Rows) -> int:
     INVALID."""
     if not 0 <= sample[0].instance < MAX_INSTANCES:
         return INVALID
-    has_temperature = LOWEST_AIR_K <= sample[0].air_temperature_k <= HIGHEST_AIR_K
-    if not has_temperature and not has_setting(sample):
+    if not has_temperature(sample) and not has_setting(sample):
         return INVALID
     return STALE if is_stale(state, AIR, sample[0].instance, sample[0].time_us) else USED
 
@@ -98,15 +104,23 @@ def has_setting(sample: Rows) -> bool:
 
 
 @step
-def admit_setting(state: Rows, sample: Rows) -> int:
+def has_temperature(sample: Rows) -> bool:
+    """Whether an AIR sample tells a possible air temperature."""
+    return LOWEST_AIR_K <= sample[0].air_temperature_k <= HIGHEST_AIR_K
+
+
+@step
+def admit_setting(state: Rows, sample: Rows, warms: bool) -> int:
     """The verdict, counted, of an AIR sample for an estimator that uses a setting of the altimeter:
-    USED when it tells one, IGNORED when it tells a temperature alone."""
+    USED when it tells one, or a temperature while the estimator uses that (`warms`); IGNORED when
+    it tells a temperature alone otherwise."""
     if sample[0].instance != 0:
         return tally(state, AIR, IGNORED)
     verdict = judge_air(state, sample)
     if verdict == USED:
         place(state, AIR, 0, sample[0].time_us)
-        verdict = USED if has_setting(sample) else IGNORED
+        wanted = has_setting(sample) or (warms and has_temperature(sample))
+        verdict = USED if wanted else IGNORED
     return tally(state, AIR, verdict)
 
 
@@ -115,26 +129,37 @@ def note_air(setting: Record, sample: Rows, in_flight: bool) -> bool:
     """Take the setting of an AIR sample; whether it tells anything new.
 
     A QNH that comes before the first pressure holds where the vehicle is. One that comes later
-    holds where it was measured, or at sea level while that is unknown.
+    holds where it was measured, or at sea level while that is unknown; an air temperature is then
+    not used, since nothing tells its height.
     """
-    qnh, at_m, elevation = (
+    qnh, at_m, elevation, air_k = (
         sample[0].qnh_pa,
         sample[0].qnh_elevation_m,
         sample[0].field_elevation_m,
+        sample[0].air_temperature_k,
     )
-    is_measured = sample[0].qnh_sd_pa > 0.0
-    is_told = LOWEST_QNH_PA <= qnh <= HIGHEST_QNH_PA and (is_measured or qnh != setting.told_pa)
-    if is_told:
+    has_qnh, is_measured = LOWEST_QNH_PA <= qnh <= HIGHEST_QNH_PA, sample[0].qnh_sd_pa > 0.0
+    knows_field = LOWEST_FIELD_M <= elevation <= HIGHEST_FIELD_M
+    if has_qnh and knows_field and math.isnan(at_m):
+        at_m, knows_field = elevation, False
+    knows_place = LOWEST_FIELD_M <= at_m <= HIGHEST_FIELD_M
+    warms = has_temperature(sample) and (knows_field or knows_place or not in_flight)
+    is_told = knows_field
+    if has_qnh and (is_measured or qnh != setting.told_pa):
         setting.qnh_pa, setting.told_pa, setting.elevation_m = qnh, qnh, math.nan
         setting.sd_m = M_PER_PA * (sample[0].qnh_sd_pa if is_measured else SETTING_SD_PA)
-        setting.field_m = 0.0 if in_flight else math.nan
-        if LOWEST_FIELD_M <= at_m <= HIGHEST_FIELD_M:
-            setting.field_m = at_m
-    if LOWEST_FIELD_M <= elevation <= HIGHEST_FIELD_M:
-        setting.elevation_m, is_told = elevation, True
+        setting.field_m = at_m if knows_place else (0.0 if in_flight else math.nan)
+        is_told = True
+    if knows_field:
+        setting.elevation_m = elevation
     if is_told:
-        setting.set_us, setting.is_new = sample[0].time_us, 1
-    return is_told
+        setting.set_us = sample[0].time_us
+    elif not (has_qnh and warms and air_k != setting.air_k):
+        return False
+    if warms or not is_measured:
+        setting.air_k = air_k if warms else math.nan
+    setting.is_new = 1
+    return True
 
 
 @step
@@ -164,9 +189,14 @@ def waits_for_level(setting: Record) -> bool:
 @step
 def indicated_m(setting: Record, level_m: float) -> float:
     """Indicated altitude, geometric, at a pressure altitude (geopotential); with 1013.25 hPa while
-    no setting is known."""
+    no setting is known. Where the field's air temperature is known, the height above the field is
+    that of a column with this temperature."""
     datum_m = 0.0 if math.isnan(setting.qnh_pa) else pressure_altitude_m(setting.qnh_pa)
-    return geometric_m(level_m - datum_m)
+    if math.isnan(setting.air_k) or math.isnan(setting.field_m):
+        return geometric_m(level_m - datum_m)
+    field_m = geopotential_m(setting.field_m)
+    column_ratio = setting.air_k / (T0_K + L0_KPM * (datum_m + field_m))
+    return geometric_m(field_m + column_ratio * (level_m - datum_m - field_m))
 
 
 @step
@@ -177,7 +207,8 @@ def indicated_sd_m(setting: Record, altitude_m: float, now_us: int) -> float:
         return math.hypot(STANDARD_SD_PA * M_PER_PA, column_m)
     field_m = 0.0 if math.isnan(setting.field_m) else setting.field_m
     weather_m = WEATHER_MPS * max(0.0, (now_us - setting.set_us) * 1e-6)
-    column_m = COLUMN_RATIO * (altitude_m - field_m)
+    ratio = COLUMN_RATIO if math.isnan(setting.air_k) else KNOWN_COLUMN_RATIO
+    column_m = ratio * (altitude_m - field_m)
     return math.hypot(math.hypot(setting.sd_m, weather_m), column_m)
 
 

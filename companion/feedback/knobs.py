@@ -17,7 +17,7 @@ REAL32: int = mavlink.MAV_PARAM_TYPE_REAL32
 ARDUPILOT: int = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
 PX4: int = mavlink.MAV_AUTOPILOT_PX4
 SCALE_M, EXPONENT = 44_330.77, 0.190263
-"""of the standard atmosphere's troposphere: height = SCALE_M (1 - (p / qnh) ** EXPONENT)"""
+"""constants of the standard troposphere: height = SCALE_M (1 - (p / qnh) ** EXPONENT)"""
 _INTEGERS = {
     mavlink.MAV_PARAM_TYPE_UINT8: "<Bxxx",
     mavlink.MAV_PARAM_TYPE_INT8: "<bxxx",
@@ -84,7 +84,7 @@ KNOBS: Mapping[str, Knob] = {
         _qnh_metres,
     ),
 }
-"""By the value of ``feedback.mode``."""
+"""The parameters, by the value of ``feedback.mode``."""
 
 
 def parameter_value(message: Message, autopilot: int) -> float:

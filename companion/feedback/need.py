@@ -44,7 +44,7 @@ class Need:
         """Forget what was measured, not what was written."""
         self._total, self._beside = LowPass(TIME_S), LowPass(TIME_S)
         self.time_us = -1
-        """of the newest altitude"""
+        """time of the newest altitude"""
         self._effect_m = self._written_m
 
     def wrote(self, metres: float) -> None:

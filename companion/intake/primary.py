@@ -1,8 +1,8 @@
-"""Which of several sensors of a kind is the first: estimators without redundancy use that one only.
+"""Selects the primary sensor of a kind: estimators without redundancy use that one only.
 
-It is instance 0, unless that one has never had a value when another one has: a barometer that
-sends 0 Pa, a receiver without a fix, or one that is not heard for two seconds. The two then change
-their numbers, until the vehicle restarts.
+It is instance 0, unless another instance has a value before instance 0 ever had one: a barometer
+that sends 0 Pa, a receiver without a fix, or a sensor that is not heard for two seconds. The two
+then change their numbers, until the vehicle restarts.
 """
 
 import logging
@@ -17,7 +17,7 @@ LEAST_PA = 100.0
 
 
 class Primary:
-    """The first sensor of one kind."""
+    """The primary sensor of one kind."""
 
     def __init__(self, kind: Kind) -> None:
         self._kind = kind

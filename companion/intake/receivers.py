@@ -1,5 +1,4 @@
-"""What a GNSS height cannot be by itself: one of the ellipsoid, one never filled in, one in another
-unit.
+"""Checks of one GNSS height: is it above the ellipsoid, never filled in, or in a wrong unit?
 
 ========================  =======================================================================
 `alt` and `alt_ellipsoid`  one of the fields is wrong, nobody can say which: the undulation of the
@@ -25,15 +24,14 @@ logger = logging.getLogger("kollsman.intake")
 
 LEAST_UNDULATION_M = 1.0
 CLIMB_M = 20.0
-"""Change of the barometer's height over which the ratio of the two is judged."""
+"""change of the barometer's height over which the ratio of the two changes is checked"""
 FACTORS = (0.01, 0.1, 10.0, 100.0)
 TOLERANCE = 0.2
 UNKNOWN_SD_M = 10.0
 SETTLING_US = 5_000_000
 SETTLED_SPREAD_M = 10.0
 WEATHER_M, TEMPERATURE_RATIO = 300.0, 0.1
-"""Barometer and true height differ by no more than this: 35 hPa, and a column 10 % too warm or
-cold."""
+"""largest difference of barometer and true height: 35 hPa, and a column 10 % too warm or cold"""
 MEETS_MIN = 2
 
 
@@ -43,14 +41,19 @@ class Receiver:
     def __init__(self, instance: int, settings: IntakeSettings) -> None:
         self._equal_heights = settings.equal_heights
         self.doubt_m = 0.0
-        """by how much the heights may be wrong, all alike"""
+        """largest common error of the heights"""
         self._name = f"GNSS receiver {instance + 1}"
         self._zeros = self._scaled = 0
         self._start: tuple[float, float] | None = None
         self._settled = False
         self._apart: tuple[int, float, float] | None = None
-        """since when, and between which bounds GNSS minus barometer height lies"""
-        self._told: set[str] = set()
+        """start and bounds of the difference of GNSS and barometer height"""
+        self._told: dict[str, str] = {}
+
+    @property
+    def notes(self) -> list[str]:
+        """What was found to be wrong with its heights, one line each."""
+        return list(self._told.values())
 
     def check(self, row: Rows, baro_m: float) -> None:
         """Correct, widen or void the height of a fix, shape (1,), beside the barometer's height."""
@@ -126,7 +129,7 @@ class Receiver:
 
     def _tell(self, text: str) -> None:
         if text[:12] not in self._told:  # heights and ratios in the rest vary
-            self._told.add(text[:12])
+            self._told[text[:12]] = f"{self._name} {text}"
             logger.warning("%s %s", self._name, text)
 
 

@@ -1,8 +1,7 @@
-"""What live and replay share before an estimator: the vehicle's clock, reboots, latency, and
-screening.
+"""Makes sample rows of readings: vehicle clock, reboots, latency, and plausibility check.
 
-A `Reading` (SI units, some stamp) becomes a sample row on the vehicle's boot clock, or is left out
-and counted. Nothing here depends on the host's clock.
+A `Reading` (SI units, any time stamp) becomes a sample row on the vehicle's boot clock, or is left
+out and counted. Nothing here depends on the host's clock.
 """
 
 import logging
@@ -23,8 +22,8 @@ logger = logging.getLogger("kollsman.intake")
 
 
 LARGEST_DOUBT_M = 30.0
-"""A larger common error of the fixes would not shrink with their number, as an estimator takes
-it."""
+"""Largest common error of the fixes that may be published: estimators assume that errors average
+out."""
 
 
 class SampleReject(StrEnum):
@@ -51,12 +50,18 @@ class Intake:
 
     @property
     def objection(self) -> str:
-        """Why no altitude of this receiver may be published; empty when there is no reason."""
+        """The reason why no altitude of this receiver may be published; empty when there is
+        none."""
         doubt_m = self._receivers[0].doubt_m
         return f"GNSS of the ellipsoid? {doubt_m:.0f} m" if doubt_m > LARGEST_DOUBT_M else ""
 
+    @property
+    def notes(self) -> list[str]:
+        """What was found to be wrong with the receivers' heights, one line each."""
+        return [note for receiver in self._receivers for note in receiver.notes]
+
     def _begin(self) -> None:
-        """What is known of the sensors when the vehicle starts: nothing."""
+        """Forget the sensors: the vehicle starts."""
         self._primaries = {kind: Primary(kind) for kind in (Kind.PRESSURE, Kind.GNSS)}
         self._receivers = [Receiver(k, self._settings) for k in range(MAX_INSTANCES)]
 
@@ -105,7 +110,8 @@ class Intake:
         return self._rows[kind]
 
     def air(self, known: Known, at: Rows) -> Rows:
-        """The sample row, shape (1,), of what is known of the air, at the time of another row."""
+        """The sample row, shape (1,), of the known values of the air, at the time of another
+        row."""
         row = self._rows[Kind.AIR]
         row[0] = (
             self._air_time(at[0]["time_us"]),

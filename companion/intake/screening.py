@@ -1,4 +1,5 @@
-"""Barometer against GNSS: which of the two contradicts the other by more than any weather can.
+"""Plausibility check of barometer and GNSS: which of the two contradicts the other by more than
+weather can explain.
 
 Two rules, both on the difference of GNSS height and barometer height:
 
@@ -10,7 +11,7 @@ Two rules, both on the difference of GNSS height and barometer height:
   new level is accepted there after ``datum_time_s`` (GNSS is the reference), a GNSS height after a
   minute, as receivers correct themselves.
 
-A suspect row is marked; what it means is up to the estimator (which refuses it).
+A suspect row is marked; estimators reject it.
 """
 
 import logging
@@ -25,10 +26,10 @@ from companion.samples import Kind, Rows, Suspicion
 logger = logging.getLogger("kollsman.intake")
 
 PAIR_US = 5_000_000
-"""Heights this far apart in time are not compared."""
+"""largest distance in time of two heights that are compared"""
 FROZEN_US = 5_000_000
 FASTEST_MPS = 50.0
-"""What heights taken at different instants may differ by."""
+"""largest difference of heights taken at different instants, for each second"""
 GNSS_STEP_US = 60_000_000
 _NAMES = {Kind.PRESSURE: "barometer", Kind.GNSS: "GNSS height"}
 
@@ -44,18 +45,18 @@ class _Gnss:
 
 @dataclass
 class _Baro:
-    """One barometer, and what is thought of it beside GNSS."""
+    """One barometer, and its state beside GNSS."""
 
     time_us: int
     height_m: float
     changed_us: int
-    """since when it repeats this height"""
+    """start of the repetition of this height"""
     judged_us: int | None = None
     datum: Kind | None = None
     since_us: int | None = None
-    """when the present (dis)agreement began to differ from what is thought"""
+    """start of the (dis)agreement that contradicts the present state"""
     agreed_m: tuple[float, float] | None = None
-    """(barometer, GNSS) when the datum was last agreed on"""
+    """(barometer, GNSS) at the last agreement on the datum"""
     level: tuple[int, float, float] | None = None
     """(time_us, barometer, GNSS) when they last moved together"""
     step: Kind | None = None
@@ -190,7 +191,7 @@ class DatumScreen:
 
 
 def _mover(baro: _Baro, gnss: _Gnss, then_m: tuple[float, float] | None) -> Kind:
-    """Who moved more since the heights `then_m`."""
+    """The sensor that moved more since the heights `then_m`."""
     if then_m is None:
         return Kind.PRESSURE
     return (

@@ -1,4 +1,4 @@
-"""What one message's time stamps are worth beside the vehicle's clock: unit and skew."""
+"""Unit and skew of one message's time stamps beside the vehicle's clock."""
 
 import logging
 from collections import deque
@@ -7,12 +7,11 @@ logger = logging.getLogger("kollsman.intake")
 
 UNIT_WINDOW_US = 2_000_000
 UNIT_RATIO = (500.0, 2000.0)
-"""Stamps that advance this much faster, or slower, than time are in another unit than their
-field."""
+"""ratio of rates above which time stamps are in another unit than that of their field"""
 UNIT_WINDOWS = 2
 SECOND_US = 1_000_000
 SKEW_US = 500_000
-"""No receiver is later than this, and no message waits longer for the next of the boot clock."""
+"""largest delay of a receiver, and of a message behind the boot clock"""
 
 
 class Unit:
@@ -44,14 +43,14 @@ class Unit:
 
 
 class Skew:
-    """By how much all stamps of the last seconds lie behind, or ahead of, the vehicle's clock.
+    """The delay or lead that all time stamps of the last seconds have beside the vehicle's clock.
 
     A receiver's time that was set 1 s ahead and then right again is 1 s behind what was learned.
     """
 
     def __init__(self) -> None:
         self._seconds: deque[tuple[int, int, int]] = deque(maxlen=3)
-        """of each second: when it began, the least delay behind now, the least lead on boot stamps
+        """for each second: its start, the least delay behind now, the least lead on boot stamps
         (both as time minus clock)"""
 
     def correct(self, time_us: int, now_us: int, boot_us: int) -> int:

@@ -9,13 +9,13 @@ from companion.mavlink.convert import Reading, TimeBase
 WRAP_MS = 1 << 32
 WRAP_MARGIN_MS = 600_000
 UNIX_STAMP_US = 1_000_000_000_000_000
-"""A stamp above this (2001 as UNIX time, 31 years as boot time) counts from 1970."""
+"""time stamp above which it counts from 1970 (2001 as UNIX time, 31 years as boot time)"""
 SESSION_US = 3_600_000_000
-"""A gap in which so much more time passed than the boot clock counted has a restart in it."""
+"""excess of elapsed time over boot time that shows a restart within a gap"""
 
 
 class Clockwork(StrEnum):
-    """What a stamp did to the vehicle's clock."""
+    """Effect of a time stamp on the vehicle's clock."""
 
     TICK = "tick"
     DOUBT = "doubt"
@@ -26,7 +26,7 @@ ALONE_US = 1_000_000
 
 
 class VehicleClock:
-    """The vehicle's boot clock as its stamps tell it.
+    """The vehicle's boot clock, from its time stamps.
 
     A discontinuity needs a second stamp that agrees with the first. Forwards it is a gap in what we
     heard, or another session when the recorder's clock says that hours passed; backwards by more
@@ -124,6 +124,12 @@ class VehicleClock:
         the date."""
         if unix_us > UNIX_STAMP_US:
             self._unix_offset_us = unix_us - self._unwrapped(boot_us)
+
+    @property
+    def unix_offset_us(self) -> int | None:
+        """UNIX time minus boot time, as the vehicle's SYSTEM_TIME says; None before it knows the
+        date."""
+        return self._unix_offset_us
 
     def _unwrapped(self, stamp_us: int) -> int:
         """time_boot_ms is 32 bits wide and wraps after 49.7 days."""

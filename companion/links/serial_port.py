@@ -35,7 +35,7 @@ WATCH_S = 0.1
 HANG_UP_S = 1.0
 ABSENT = frozenset({errno.ENOENT, errno.ENODEV, errno.ENXIO})
 BITS_PER_BYTE = 10
-"""with start and stop bit"""
+"""bits of a byte on the line, with start and stop bit"""
 
 
 class _Port:

@@ -14,7 +14,7 @@ LATEST = 128
 """Largest gap of sequence numbers that counts as loss; beyond it the frame is late or repeated, or
 its sender restarted."""
 JITTER_GAIN = 1 / 16
-"""of the running mean of RFC 3550, section 6.4.1"""
+"""gain of the running mean of RFC 3550, section 6.4.1"""
 
 
 @dataclass

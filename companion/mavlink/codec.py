@@ -1,5 +1,5 @@
-"""MAVLink bytes <-> messages. No I/O, and no data makes it raise: what is not a frame is counted by
-`FrameReject`.
+"""MAVLink bytes <-> messages. No I/O, and no data raises an error: what is not a frame is counted
+by `FrameReject`.
 
 Resynchronisation
 -----------------

@@ -1,4 +1,4 @@
-"""Commands addressed to us: what we are is answered, everything else is refused.
+"""Answers to commands addressed to us: our version is sent, every other command is refused.
 
 No command changes the vehicle or the estimate.
 """
@@ -29,7 +29,7 @@ def answers(command: Message, asker: tuple[int, int]) -> list[Message]:
 
 
 def autopilot_version() -> Message:
-    """AUTOPILOT_VERSION: our version, and what of MAVLink we speak."""
+    """AUTOPILOT_VERSION: our version and our MAVLink capabilities."""
     numbers = [int(part) for part in re.findall(r"\d+", __version__)[:3]]
     major, minor, patch = (*numbers, 0, 0, 0)[:3]
     software = major << 24 | minor << 16 | patch << 8

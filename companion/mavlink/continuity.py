@@ -53,12 +53,12 @@ class Monotonic:
 
 
 def _reach_m(elapsed_s: float, longest_s: float) -> float:
-    """How far a height may go between two samples; beyond, it was wrong before or is now."""
+    """Largest change of a height between two samples, m; beyond it one of the two is wrong."""
     return 60.0 + 50.0 * min(max(0.0, elapsed_s), longest_s)
 
 
 class Leap:
-    """Tells an altitude that no vehicle can have reached since the last one."""
+    """Detects an altitude that no vehicle can have reached since the last one."""
 
     def __init__(self) -> None:
         self._last: tuple[int, float] | None = None

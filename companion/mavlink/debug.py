@@ -25,7 +25,7 @@ class Named(NamedTuple):
     unit: str
     meaning: str
     value: Callable[[Any, float], float]
-    """of an ESTIMATE record and the altimeter setting in hPa"""
+    """value from an ESTIMATE record and the altimeter setting in hPa"""
 
 
 NAMED: Mapping[str, Named] = {

@@ -26,8 +26,8 @@ _START = re.compile(rb"[\xfd\xfe]")
 
 
 def _v1_lengths(kind: Any) -> range:
-    """From the size without extensions (fields with a default, last on the wire) to the size with
-    them."""
+    """Payload lengths from the size without extensions (fields with a default, last on the wire) to
+    the size with them."""
     count = len(kind.fieldnames) - len(kind.__init__.__defaults__ or ())
     codes = kind.native_format.decode().lstrip("<")[:count]
     base = "".join(
@@ -52,7 +52,7 @@ class Frame(NamedTuple):
     """One whole frame with a correct checksum. Its signature is verified by `signing`."""
 
     data: bytes
-    """from the start byte to the end of the checksum, or of the signature"""
+    """bytes from the start byte to the end of the checksum, or of the signature"""
     message_id: int
     system_id: int
     component_id: int
@@ -68,21 +68,21 @@ class FrameReject(StrEnum):
     """Why bytes did not become a message. JUNK counts bytes, all others count frames."""
 
     JUNK = "junk bytes"
-    """outside any frame"""
+    """bytes outside any frame"""
     CRC = "bad checksum"
-    """damaged on the way"""
+    """damaged in transmission"""
     DIALECT = "other dialect"
-    """undamaged, but by another definition of a message id we know"""
+    """undamaged, by another definition of a known message id"""
     UNKNOWN_ID = "unknown message"
-    """undamaged, with a message id that we do not know"""
+    """undamaged, with an unknown message id"""
     FLAGS = "unknown flags"
-    """incompatibility flags other than "signed": MAVLink forbids to read on"""
+    """incompatibility flags other than "signed", with which MAVLink forbids to read the frame"""
     TRUNCATED = "cut frame"
     """the stream, datagram or log ended inside it"""
     DECODE = "bad payload"
     """a good frame with a payload that pymavlink refuses"""
     TIMESTAMP = "bad time stamp"
-    """a good frame of a log, with a time that cannot be"""
+    """a good frame of a log, with an impossible time"""
     UNSIGNED = "unsigned"
     """a good frame without a signature, where signatures are required"""
     SIGNATURE = "bad signature"

@@ -1,5 +1,5 @@
-"""Identification: which sender is the vehicle, which one is another program with our ids, and who
-are strangers.
+"""Identification: which sender is the vehicle, which is another program with our ids, and which are
+foreign.
 
 The vehicle is an autopilot by the type **and** the component of its HEARTBEAT: ground stations,
 cameras, gimbals, antenna trackers, radios and companions are never it, whatever autopilot they
@@ -26,7 +26,7 @@ OUR_COMPONENT_ID = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER  # 191
 OUR_COMPONENT_IDS = range(191, 195)
 AUTOPILOT_COMPONENT_ID = mavlink.MAV_COMP_ID_AUTOPILOT1  # 1
 SIGNING_TIMEOUT_US = 10_000_000
-"""After this long without a signed frame, the vehicle may have been set up anew without signing."""
+"""time without a signed frame after which the vehicle may have been set up without signing"""
 SETTLE_US = 3_000_000
 CONFIRM_US = 500_000
 GONE_US = 10_000_000
@@ -50,7 +50,7 @@ VEHICLE_TYPES = frozenset(
 
 
 class Origin(StrEnum):
-    """Whose frame it is."""
+    """The sender of a frame."""
 
     VEHICLE = "vehicle"
     OURSELVES = "our own ids"
@@ -69,7 +69,7 @@ class _Autopilot:
 
     @property
     def confirmed(self) -> bool:
-        """Whether it was more than one stray heartbeat."""
+        """Whether it sent more than one stray heartbeat."""
         return self.last_us - self.first_us >= CONFIRM_US
 
 
@@ -103,7 +103,7 @@ class Identity:
         self.stations: dict[tuple[int, int], int] = {}
         """ground stations, and when each was last heard"""
         self.notes: list[str] = []
-        """what the user should know about who speaks, in the order in which it was found"""
+        """notices about senders for the user, in the order of their detection"""
         self.refusal = ""
         """why no vehicle is followed; empty while one is, or none was heard"""
         self._wanted = system_id
@@ -130,7 +130,7 @@ class Identity:
         return system_id or 1, self.component_id
 
     def origin(self, frame: Frame, arrival_us: int, source: Hashable = None) -> Origin:
-        """Whose `frame` it is, counted. `source` is the network address it came from."""
+        """The origin of `frame`, which is counted. `source` is its network address."""
         origin = self._origin(frame, arrival_us, source)
         self.counters[origin] += 1
         return origin
@@ -160,8 +160,8 @@ class Identity:
     def heartbeat(
         self, frame: Frame, message: Message, arrival_us: int, source: Hashable = None
     ) -> bool:
-        """Take a HEARTBEAT of anybody but the vehicle; True when the vehicle is another one now, or
-        none any more."""
+        """Handle a HEARTBEAT of another sender than the vehicle; True when another vehicle is
+        followed now, or none."""
         speaker = (frame.system_id, frame.component_id)
         if message.type == mavlink.MAV_TYPE_GCS:
             if speaker in self.stations or len(self.stations) < MOST_REMEMBERED:
@@ -238,11 +238,11 @@ class Identity:
 
     @property
     def source(self) -> Hashable:
-        """The network address that the vehicle speaks from, where a link has several."""
+        """The network address of the vehicle, on a link with several peers."""
         return self._source
 
     def tell(self, text: str) -> None:
-        """Log a line about who speaks, and keep it for the report."""
+        """Log a line about a sender, and keep it for the report."""
         logger.warning("%s", text)
         if len(self.notes) < MOST_NOTES:
             self.notes.append(text)
@@ -260,7 +260,7 @@ class Identity:
         arrival_us: int,
         source: Hashable,
     ) -> None:
-        """No vehicle is followed: follow this one, unless two were refused and both go on."""
+        """No vehicle is followed: follow this one, unless two were refused and both still send."""
         if self.refusal and len(self._present(arrival_us)) > 1:
             return
         self._latch(speaker, frame, message, arrival_us, source)

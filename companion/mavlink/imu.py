@@ -29,7 +29,7 @@ GRAVITY_SPACING_US = 100_000
 KNOWN_AFTER_US = 5_000_000
 LOWEST_G, HIGHEST_G = 0.8, 1.25
 LOWEST_BORNE_G, HIGHEST_BORNE_G = 0.2, 8.0
-"""for seconds on end, once gravity has been seen: 1.4 g in a turn at 45 degrees of bank, 1.6 on a
+"""bounds over seconds, once gravity has been seen: 1.4 g in a turn at 45 degrees of bank, 1.6 on a
 fighter's runway"""
 RAW_SCALES = {
     mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: MILLI_G,
@@ -39,7 +39,7 @@ RAW_SCALES = {
 
 class GravityCheck:
     """Whether the median |specific force| of ten seconds (sampled at 10 Hz) has been about 1 g, and
-    is bearable now."""
+    is within what a vehicle can bear."""
 
     def __init__(self) -> None:
         self._window: deque[tuple[int, float]] = deque()

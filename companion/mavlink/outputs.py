@@ -1,8 +1,8 @@
 """The messages to the vehicle and its ground stations: ALTITUDE, the DEBUG family, HEARTBEAT.
 
 ALTITUDE replaces the altitude that QGroundControl shows the pilot. Once it has heard one, it
-ignores GLOBAL_POSITION_INT, so that its display freezes when ALTITUDE stops. So while our height
-may not be sent, at the start and in LOST, the vehicle's own height is sent on in ALTITUDE
+ignores GLOBAL_POSITION_INT, so that its display freezes when ALTITUDE stops. While our height may
+not be sent, at the start and in LOST, ALTITUDE carries the vehicle's own height
 (`Outputs.own_height`), equal to GLOBAL_POSITION_INT to the millimetre. The fields:
 
 ====================  ==============================================================================
@@ -41,7 +41,7 @@ VEHICLE_ALTITUDE_US = 5_000_000
 OWN_HEIGHT_US = 2_000_000
 OURS_MISSING_US = 1_000_000
 VEHICLE_ALTITUDES = 3
-"""so many ALTITUDE of the vehicle's within five seconds: it sends them itself"""
+"""number of ALTITUDE of the vehicle within five seconds that shows that it sends them itself"""
 SEVERITY = {
     Health.OK: mavlink.MAV_SEVERITY_INFO,
     Health.DEGRADED: mavlink.MAV_SEVERITY_WARNING,
@@ -55,7 +55,7 @@ SYSTEM_STATUS = {
 
 
 class Source(Enum):
-    """Whose height ALTITUDE carries."""
+    """The source of the height in ALTITUDE."""
 
     NONE = "none"
     OURS = "ours"
@@ -104,16 +104,17 @@ class Schedule:
 
 
 class Outputs:
-    """Follows what was taken in, and makes the messages."""
+    """Follows the samples, and makes the messages."""
 
     def __init__(self, settings: PublishSettings) -> None:
         self.settings = settings
         self.monotonic = Monotonic()
         self.source = Source.NONE
-        """whose height the last ALTITUDE carried"""
+        """source of the last ALTITUDE"""
         self._altitude_slots = Schedule(settings.altitude_hz)
         self._own_slots = Schedule(settings.altitude_hz)
-        """of the vehicle's own heights: they must not take the slots that bring ours back"""
+        """slots of the vehicle's own heights, apart from those of ours, which must not wait for
+        them"""
         self._debug_slots = Schedule(settings.debug_hz)
         self._leap = Leap()
         self._boots = 0
@@ -239,7 +240,7 @@ class Outputs:
         )
 
     def _relative_m(self, estimate: Rows, now_us: int) -> float:
-        """Height above take-off: the best that is known."""
+        """Height above take-off, from the best source that is known."""
         height_m = float(estimate[0]["height_above_takeoff_m"])
         own = self._own
         if math.isfinite(height_m):

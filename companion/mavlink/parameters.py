@@ -1,8 +1,8 @@
 """Our settings as MAVLink parameters, so that a ground station shows them and sets QNH in flight.
 
 Every parameter is a key of companion.yaml, or of section ``air`` as it may change in flight; its
-text, range and unit are those of the key's model. All are REAL32; unknown is NaN. What cannot be
-set answers with its present value, as the protocol has it.
+text, range and unit are those of the key's model. All are REAL32; unknown is NaN. A request to set
+another parameter is answered with its present value, as the protocol demands.
 """
 
 import math

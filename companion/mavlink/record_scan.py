@@ -1,9 +1,9 @@
 """Compiled scan of a telemetry log's records, and compiled copying of their payloads.
 
 A record is a 64-bit time, big-endian by rule, and one MAVLink frame. `scan_records` follows records
-that are whole, known and undamaged, and stops at the first that is not: what to do there is decided
-by `companion.logs.tlog`, in Python, once for every damaged place. The rules for a frame are those
-of `companion.mavlink.framing.scan`; a test holds the two equal.
+that are whole, known and undamaged, and stops at the first that is not; `companion.logs.tlog`
+continues from there, in Python, once for every damaged place. The rules for a frame are those of
+`companion.mavlink.framing.scan`; a test holds the two equal.
 """
 
 import numpy as np

@@ -1,18 +1,18 @@
-"""One message that is wanted of the vehicle: what was requested, and the rate that arrives."""
+"""One message that the estimator needs: its request, and the rate that arrives."""
 
 from enum import Enum
 
 from companion.mavlink.streams import Stream
 
 FRUITLESS = 3
-"""so many requests without effect, and the rate that arrives is accepted"""
+"""number of requests without effect after which the rate that arrives is accepted"""
 WINDOW_US = 1_000_000
 WINDOW_MESSAGES = 5
 RETRY_US = 10_000_000
 
 
 class Asked(Enum):
-    """How far a request has come."""
+    """State of a request."""
 
     NO = "to be requested"
     YES = "granted, or not answered"
@@ -20,15 +20,15 @@ class Asked(Enum):
 
 
 class Watch:
-    """One message: what was requested, and what arrives."""
+    """One message: its request, and its rate."""
 
     def __init__(self, stream: Stream) -> None:
         self.stream = stream
         self.heard = False
         self.rate_hz = 0.0
-        """as measured last"""
+        """last measured rate"""
         self.result = ""
-        """the refusal"""
+        """result of a refused request"""
         self.reported = ""
         """the problem that was logged last"""
         self.changed = False
@@ -70,7 +70,7 @@ class Watch:
 
     @property
     def problem(self) -> str:
-        """What the user should know, in a few words; empty when all is well."""
+        """The problem of this message, for the user; empty when there is none."""
         stream = self.stream
         if not stream.label or self.rate_hz >= 0.8 * stream.floor_hz:
             return ""

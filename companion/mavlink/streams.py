@@ -1,7 +1,7 @@
 """Which messages the estimator needs from the vehicle, how often, and what the link can carry.
 
-`wanted` lists the messages; `planned` lowers their rates until they fit the link. Asking for them
-and watching what arrives is the work of `companion.mavlink.supervisor`.
+`wanted` lists the messages; `planned` lowers their rates until they fit the link.
+`companion.mavlink.supervisor` requests them and measures their rates.
 """
 
 from collections.abc import Collection, Sequence
@@ -15,11 +15,11 @@ from companion.mavlink.codec import mavlink
 from companion.samples import Kind
 
 FRAME_OVERHEAD_BYTES = 12
-"""MAVLink 2: ten bytes of header, two of checksum"""
+"""overhead of a MAVLink 2 frame: ten bytes of header, two of checksum"""
 LINK_SHARE = 0.6
-"""of a link's bytes: the rest is for what the vehicle sends without being asked"""
+"""share of a link's bytes; the rest is for messages that were not requested"""
 RATES_HZ = (50.0, 40.0, 25.0, 20.0, 10.0, 5.0, 2.0, 1.0)
-"""Rates to fall back to. 40 Hz is what ArduPlane grants with its default loop of 50 Hz."""
+"""lower rates; ArduPlane grants 40 Hz with its default loop of 50 Hz"""
 
 
 class StreamSettings(Settings):
@@ -65,7 +65,7 @@ class Stream:
     label: str = ""
     """the sensor's name in messages to the user; empty: its absence is normal and not reported"""
     floor_hz: float = 1.0
-    """a full link does not lower it further"""
+    """lowest rate on a full link"""
     group: int = -1
     """MAV_DATA_STREAM of REQUEST_DATA_STREAM that contains it; -1 none"""
 

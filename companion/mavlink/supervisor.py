@@ -32,33 +32,33 @@ RESULTS: dict[int, str] = {
     key: value.name[len("MAV_RESULT_") :] for key, value in mavlink.enums["MAV_RESULT"].items()
 }
 DENIED_HZ = (40.0, 25.0, 10.0)
-"""what is requested after a DENIED"""
+"""rates requested after a DENIED"""
 ACK_TIMEOUT_US = 1_000_000
 ATTEMPTS = 3
 SHORT_RATIO = 0.6
-"""of the requested rate: less is short"""
+"""share of the requested rate below which a rate is short"""
 SETTLE_US = 200_000
 DEAD_US = 1_500_000
-"""the vehicle is silent when nothing came for so long"""
+"""time without a frame after which the vehicle is silent"""
 STOPPED_US = 1_000_000
-"""its clock stands still when it sent frames for so long that did not move it"""
+"""time of frames that do not advance the vehicle's clock after which it stands still"""
 FORGOTTEN_US = 10_000_000
-"""after a silence of this length the vehicle may have been restarted"""
+"""length of a silence in which the vehicle may have been restarted"""
 GROUP_PAUSE_US = 3_000_000
 JUDGE_US = 100_000
 LONGEST_RETRY_US = 300_000_000
 REDUCTION_US = 2_500_000
-"""rates that fall within this time were lowered by one request of somebody else"""
+"""time within which falling rates count as one reduction by another program"""
 GROUP_HZ = 25.0
-"""REQUEST_DATA_STREAM takes a whole group at one rate: more would fill the link"""
+"""rate of a whole group by REQUEST_DATA_STREAM; more would fill the link"""
 REDUCTIONS, REDUCTIONS_US = 4, 120_000_000
-"""lowered so often within so long: somebody insists"""
+"""number of reductions, and the time within it, after which another program is reported"""
 PAUSE_US = 30_000_000
 WHO_US = 30_000_000
 
 
 class StreamSupervisor:
-    """Requests streams and watches them.
+    """Requests messages and measures their rates.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class StreamSupervisor:
     ) -> None:
         self.watches = {stream.message_id: Watch(stream) for stream in streams}
         self.rivals = ""
-        """who lowers the rates again and again; empty when nobody does"""
+        """the programs that lower the rates again and again; empty when there are none"""
         self._target = target
         self._may_group = use_groups
         self._groups: dict[int, float] = {}
@@ -93,7 +93,7 @@ class StreamSupervisor:
 
     @property
     def problems(self) -> list[str]:
-        """What is slow, missing or refused now, a few words each."""
+        """The messages that are slow, missing or refused now."""
         found = [watch.problem for watch in self.watches.values()]
         if self.rivals:
             found.append(f"rates lowered by {self.rivals}")
@@ -199,7 +199,7 @@ class StreamSupervisor:
             self.rivals, self._pause_us = "", PAUSE_US
 
     def _short(self, watch: Watch, now_us: int, stations: str) -> None:
-        """A rate is too low: request it again, unless that is known to be of no use."""
+        """A rate is too low: request it again, unless requests are known to have no effect."""
         if watch.good:
             watch.good = False
             if watch.stream.label:

@@ -1,5 +1,4 @@
-"""STATUSTEXT: what a ground station shows its pilot in words, on transitions only and never in a
-flood."""
+"""STATUSTEXT, which a ground station shows its pilot: on changes only, and at a limited rate."""
 
 from companion.mavlink.codec import Message, mavlink
 
@@ -8,7 +7,7 @@ STATUSTEXT_SIZE = 50
 
 
 class Allowance:
-    """How often something may happen: so many times at once, and so many a second."""
+    """Rate limit: `per_s` events at once, and `per_s` events a second."""
 
     def __init__(self, per_s: int) -> None:
         self._per_s = per_s
@@ -16,7 +15,7 @@ class Allowance:
         self._time_us: int | None = None
 
     def takes(self, now_us: int) -> bool:
-        """Whether it may happen now; if so one is used up."""
+        """Whether an event is allowed now; if so it is counted."""
         if self._time_us is not None:
             passed_s = max(0, now_us - self._time_us) * 1e-6
             self._left = min(float(self._per_s), self._left + passed_s * self._per_s)
@@ -30,8 +29,8 @@ class Allowance:
 class StatusTexts:
     """At most one text of a kind in five seconds of the host's clock.
 
-    What is said sooner waits, is replaced by what is said after it, and is dropped when it is the
-    state that was told last.
+    An earlier text waits; a later text of its kind replaces it. It is dropped when its state is the
+    one told last.
     """
 
     def __init__(self) -> None:
@@ -44,7 +43,8 @@ class StatusTexts:
         self._waiting[kind] = (state, severity, text)
 
     def retract(self, kind: str) -> None:
-        """Nothing is to be said about `kind` any more: the next text about it is news."""
+        """Drop the waiting text about `kind`; the next text about it is sent, whatever its
+        state."""
         self._waiting.pop(kind, None)
         if kind in self._told:
             self._told[kind] = (self._told[kind][0], None)

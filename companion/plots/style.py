@@ -1,7 +1,7 @@
 """One colour and line style for each source, the same on every page.
 
 Two lines that are compared differ by at least `LEAST_DIFFERENCE` in colour (CIEDE2000), for normal
-sight, deuteranopia and protanopia; ``tests/unit/companion/test_plot_style.py`` computes it. The
+sight, deuteranopia and protanopia; ``tests/unit/companion/plots/test_style.py`` computes it. The
 dash pattern tells the lines apart in print without colour. Our altitude is the thickest line and is
 drawn above the others; raw GNSS is thin and lies below.
 """

@@ -5,6 +5,7 @@ Layout of the output folder::
     fleet.csv, fleet.parquet   a row for each session, and for each log that could not be read
     fleet.json                 the same as the report schema, command "batch"
     rows/                      one Parquet file a log: the rows of `companion.replay.table`
+    index.html, reports/       the flight report of each session (needs jinja2)
     parts/                     what is done; a batch that was killed goes on from there
 
 On a Dask cluster the workers must see the logs and the output folder under the same paths.
@@ -17,6 +18,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +26,9 @@ from companion.errors import ConfigError, KollsmanError, LogFormatError
 from companion.jit import source_hash
 from companion.jobs import Done, OnDone, Row, run_on
 from companion.logs import FORMATS
-from companion.replay.run import replay
+from companion.replay.pages import write_index
+from companion.replay.reports import is_installed, write_reports
+from companion.replay.run import Replayed, replay
 from companion.replay.schema import document
 from companion.replay.summary import SETTLE_S
 from companion.replay.table import write
@@ -34,7 +38,7 @@ FLEET_COLUMNS = (
     "log", "session", "wrong", "score_m", "verdict", "vehicle", "start_utc", "duration_s", "health",
     "reference", "estimate_p95_m", "estimate_max_m", "autopilot_p95_m", "autopilot_max_m",
     "drift_m", "drift_m_per_h", "gnss_wander_m", "gnss_sd_m", "gnss_share_3d", "satellites",
-    "rows", "error",
+    "rows", "report", "error",
 )  # fmt: skip
 
 
@@ -46,6 +50,8 @@ class BatchJob:
     out: Path
     settle_s: float = SETTLE_S
     settings: CompanionSettings = field(default_factory=CompanionSettings)
+    reports: bool = False
+    """whether flight reports are written"""
 
     @property
     def key(self) -> str:
@@ -53,7 +59,7 @@ class BatchJob:
         state = self.log.stat()
         content = [
             str(self.log), state.st_size, state.st_mtime_ns, self.settle_s,
-            self.settings.model_dump(mode="json"), _code_hash(),
+            self.settings.model_dump(mode="json"), self.reports, _code_hash(),
         ]  # fmt: skip
         digest = hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
         return f"{self.log.stem[:60]}-{digest}"
@@ -94,14 +100,21 @@ def replay_job(job: BatchJob) -> list[Row]:
         rows = job.out / "rows" / f"{job.key}.parquet"
         rows.parent.mkdir(parents=True, exist_ok=True)
         write(rows, found.tables())
+        reports = _write_reports(found, job) if job.reports else []
     except LogFormatError as error:
         return [{"log": str(job.log), "error": f"{error}".removeprefix(f"{job.log}: ")}]
     except KollsmanError:
         raise  # of the environment: the next run tries again
     return [
-        {"log": str(job.log), "rows": rows.name, "error": None} | session
-        for session in found.report["sessions"]
+        {"log": str(job.log), "rows": rows.name, "report": report, "error": None} | session
+        for session, report in zip_longest(found.report["sessions"], reports)
     ]
+
+
+def _write_reports(found: Replayed, job: BatchJob) -> list[str]:
+    """The report of every session; their names in the folder ``reports``."""
+    pages = write_reports(found, job.out / "reports" / f"{job.key}.html", job.log.name)
+    return [page.name for page in (pages if len(pages) == 1 else pages[1:])]
 
 
 def run_batch(
@@ -112,9 +125,12 @@ def run_batch(
     settle_s: float = SETTLE_S,
     workers: int = 1,
     scheduler: str | None = None,
+    reports: bool | None = None,
     on_done: OnDone | None = None,
 ) -> list[Row]:
     """Replay `logs`, write the fleet's files into `out`, and return the fleet table, worst first.
+
+    `reports` tells whether flight reports are written; None: if jinja2 is installed.
 
     A log that is done, with these settings and this code, is not replayed again. Raises
     `ConfigError`, also when the folder cannot be written.
@@ -124,7 +140,8 @@ def run_batch(
         (out / "parts").mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f"{out}: cannot be written: {error.strerror or error}") from None
-    jobs = [BatchJob(log, out, settle_s, settings) for log in logs]
+    reports = is_installed("jinja2") if reports is None else reports
+    jobs = [BatchJob(log, out, settle_s, settings, reports) for log in logs]
     done = run_on(
         workers,
         scheduler,
@@ -139,7 +156,18 @@ def run_batch(
     sessions.sort(key=_badness, reverse=True)
     table = [fleet_row(session) for session in sessions]
     _write_fleet(out, sessions, table)
+    if reports:
+        write_index(out / "index.html", f"Flights in {out.name}", list(map(_index_row, sessions)))
     return table
+
+
+def _index_row(session: Row) -> Row:
+    """A line of the index page."""
+    number = session.get("session")
+    name = Path(session["log"]).name + (f", session {number}" if number and number > 1 else "")
+    report = session.get("report")
+    href = f"reports/{report}" if report else None
+    return {"name": name, "href": href, "session": session, "error": session["error"]}
 
 
 def _rows_of(done: Done[BatchJob, list[Row]]) -> list[Row]:

@@ -5,6 +5,7 @@ The IMU is not kept: its rows would be most of a log, and the altitude moves lit
 """
 
 import math
+from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from companion.kernels.atmosphere import baro_altitude_array
 from companion.kernels.gnss import gnss_sd_m
 from companion.mavlink.codec import Message
 from companion.pipeline import Pipeline
+from companion.replay.events import Events
 from companion.samples import ESTIMATE, HEIGHT, Kind, Rows, Suspicion, Verdict, readable
 
 RECORD = np.dtype(
@@ -35,6 +37,8 @@ RECORD = np.dtype(
         ("ground_speed_mps", "f8"),
         ("fix_type", "i8"),
         ("satellites", "i8"),
+        ("latitude_deg", "f8"),
+        ("longitude_deg", "f8"),
         ("estimate", ESTIMATE),
     ],
     align=True,
@@ -53,9 +57,19 @@ class Recording:
         """ALTITUDE messages of ours"""
         self.armed: list[tuple[int, bool]] = []
         """(time_us, armed) at each change"""
+        self.unix_offset_us: int | None = None
+        """UNIX time minus boot time, as the vehicle said it; None where it did not"""
+        self.events = Events(pipeline)
+        """flight modes and texts"""
+        self.rates: Counter[tuple[Kind, int]] = Counter()
+        """samples of the first sensor of each kind in each second of the vehicle's clock"""
 
     def sample(self, kind: Kind, row: Rows, verdict: Verdict, estimate: Rows) -> None:
         value = row[0]
+        if kind is Kind.GNSS:
+            self.unix_offset_us = self._pipeline.intake.clock.unix_offset_us or self.unix_offset_us
+        if value["instance"] == 0:
+            self.rates[kind, int(value["time_us"]) // 1_000_000] += 1
         if kind is Kind.STATUS:
             armed = int(value["armed"])
             if armed >= 0 and (not self.armed or self.armed[-1][1] != bool(armed)):
@@ -79,6 +93,8 @@ class Recording:
         kept["ground_speed_mps"] = value["ground_speed_mps"] if is_gnss else math.nan
         kept["fix_type"] = value["fix_type"] if is_gnss else -1
         kept["satellites"] = value["satellites"] if is_gnss else -1
+        kept["latitude_deg"] = value["latitude_deg"] if is_gnss else math.nan
+        kept["longitude_deg"] = value["longitude_deg"] if is_gnss else math.nan
 
     def truth(self, time_us: int, altitude_amsl_m: float, climb_mps: float) -> None:
         self._heights[True].append((time_us, altitude_amsl_m, climb_mps))

@@ -8,6 +8,7 @@ from typing import Any
 
 from companion.evaluation.smoother import Smoothed, smooth
 from companion.logs import LogReader, open_log
+from companion.logs.tables import TableReader
 from companion.observer import Observer
 from companion.pipeline import Pipeline
 from companion.replay.record import Recording
@@ -15,6 +16,7 @@ from companion.replay.schema import document
 from companion.replay.sessions import Session, Writer, sessions_of
 from companion.replay.summary import (
     SETTLE_S,
+    Reference,
     damage,
     reference_of,
     summarise,
@@ -32,6 +34,8 @@ class Replayed:
     """as ``docs/report-schema.md`` describes"""
     smoothed: list[Smoothed | None]
     """of each session; None where it was not asked for, and could not be made"""
+    references: list[Reference]
+    """what the heights of each session are held against"""
 
     def tables(self) -> list[Columns]:
         """The rows of every session, for `companion.replay.table.write`."""
@@ -72,9 +76,13 @@ def replay(
     sessions = sessions_of(
         reader, settings, Recording, make, writer=writer, on_progress=on_progress
     )
-    summaries, smoothed = [], []
+    if isinstance(reader, TableReader):
+        for session in sessions:
+            session.seen.events.recorded(reader.tables.modes, reader.tables.texts)
+    summaries, smoothed, references = [], [], []
     for number, session in enumerate(sessions, 1):
         reference = reference_of(session.seen)
+        references.append(reference)
         smoothed.append(
             smooth(session.seen.measured())
             if smoothing and not reference.smoothed
@@ -82,7 +90,7 @@ def replay(
         )
         summaries.append(summarise(session, number, settings.estimator, settle_s, reference))
     report = document("replay", str(path), summaries, **_file(reader, started_s))
-    return Replayed(sessions, report, smoothed)
+    return Replayed(sessions, report, smoothed, references)
 
 
 def _file(reader: LogReader, started_s: float) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from companion.mavlink.identity import autopilot_name, is_autopilot
 from companion.observer import Observer
 from companion.pipeline import Pipeline
 from companion.recorded import Item, Sensed
+from companion.replay.events import LinkQuality
 from companion.samples import Kind, Rows, Verdict
 from companion.settings import CompanionSettings
 
@@ -56,6 +57,8 @@ class Session(Generic[Seen]):
     reason: str = ""
     notes: list[str] = field(default_factory=list)
     """who else spoke, and when the vehicle fell silent"""
+    link: LinkQuality = field(default_factory=LinkQuality)
+    """frames and lost frames by sender, of logs that hold frames"""
     rebooted: bool = False
     """it began with a restart of the vehicle's clock"""
 
@@ -132,7 +135,7 @@ class _Splitter(Generic[Seen]):
         session.samples = {kind: now.samples[kind] - base.samples[kind] for kind in Kind}
         session.left_out = now.left_out - base.left_out
         session.heard = now.heard - base.heard
-        session.notes = list(pipeline.identity.notes)
+        session.notes = [*pipeline.identity.notes, *pipeline.intake.notes]
         session.health, session.reason = pipeline.health.health.name, pipeline.health.reason
         if session.has_height:
             self.sessions.append(session)
@@ -142,6 +145,8 @@ class _Splitter(Generic[Seen]):
         if not self._open.first_us:
             self._open.first_us = time_us
         self._open.last_us = time_us
+        if isinstance(item, Frame):
+            self._open.link.take(time_us, item)
         if isinstance(item, Frame) and item.message_id == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             message = item.message or decode(item)
             if message is not None and is_autopilot(message):

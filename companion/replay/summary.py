@@ -8,8 +8,6 @@ barometer and GNSS, and the keys are the same with ``reference.kind`` "smoother"
 
 import math
 from dataclasses import dataclass
-from datetime import UTC, datetime
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -18,14 +16,13 @@ from companion.evaluation.integrity import coverage
 from companion.evaluation.metrics import Array, errors, truth_at
 from companion.evaluation.smoother import Smoothed, smooth
 from companion.mavlink.codec import FrameReject
+from companion.replay.findings import exclusions, own_altitude, parting, suspicions, utc
 from companion.replay.record import Recording
 from companion.replay.sessions import Session
 from companion.replay.verdict import verdict
-from companion.samples import FaultySensor, Kind, Rows, Verdict
+from companion.samples import Kind, Rows, Verdict
 
 SETTLE_S = 60.0
-UNIX_US = 1_000_000_000_000_000
-"""A stamp above this is UNIX time (2001 and later)."""
 SOURCES = {
     "estimate": "Kollsman",
     "published": "Kollsman, not LOST",
@@ -86,6 +83,7 @@ def summarise(
         "vehicle": "/".join(map(str, session.vehicle)) if session.vehicle else None,
         "autopilot": session.autopilot,
         "start_utc": utc(session.first_us),
+        "start_vehicle_utc": _vehicle_utc(recording, first_us),
         "start_boot_s": first_us * 1e-6,
         "duration_s": (last_us - first_us) * 1e-6,
         "after_reboot": session.rebooted,
@@ -101,14 +99,22 @@ def summarise(
         "left_out": {cause: n for cause, n in session.left_out.items() if n},
         "suspect": recording.suspected(),
         "altitude": _altitude(recording, ticks, start_us),
-        "exclusions": exclusions(ticks),
+        "exclusions": exclusions(recording, ticks),
+        "suspicions": suspicions(recording),
+        "parting": parting(recording, reference),
         "gnss": _gnss(recording, reference, start_us),
         "barometer": _barometer(recording, reference),
+        "own_altitude": own_altitude(recording),
         "reference": {"kind": reference.kind, "sd_m": reference.sd_m},
         "sources": _sources(recording, reference, start_us),
     }
     found |= verdict(found)
     return found
+
+
+def _vehicle_utc(recording: Recording, first_us: int) -> str | None:
+    offset_us = recording.unix_offset_us
+    return None if offset_us is None else utc(first_us + offset_us)
 
 
 def _samples(session: Session[Recording]) -> dict[str, dict[str, int]]:
@@ -143,25 +149,6 @@ def _altitude(recording: Recording, ticks: Rows, start_us: float) -> dict[str, A
         "qnh_sd_hpa": rows["qnh_sd_pa"][-1] * 0.01,
         "baro_offset_m": rows["baro_offset_m"][-1],
     }
-
-
-def exclusions(ticks: Rows) -> list[dict[str, Any]]:
-    """When the estimator had excluded a sensor: which, from when, for how long."""
-    faulty = np.asarray(ticks["estimate"]["faulty"])
-    times_us = np.asarray(ticks["time_us"])
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], faulty, [0]])))
-    found = []
-    for start, end in pairwise(edges.tolist()):
-        if start < faulty.size and faulty[start]:
-            stop = min(end, faulty.size - 1)
-            found.append(
-                {
-                    "sensor": FaultySensor(int(faulty[start])).name.lower(),
-                    "from_s": (times_us[start] - times_us[0]) * 1e-6,
-                    "duration_s": (times_us[stop] - times_us[start]) * 1e-6,
-                }
-            )
-    return found
 
 
 def _gnss(recording: Recording, reference: Reference, start_us: float) -> dict[str, Any]:
@@ -221,13 +208,6 @@ def _sources(recording: Recording, reference: Reference, start_us: float) -> dic
 def damage(counters: Any) -> dict[str, int]:
     """What the reader left out, by cause."""
     return {str(cause): n for cause, n in counters.items() if n and isinstance(cause, FrameReject)}
-
-
-def utc(time_us: int) -> str | None:
-    """ISO 8601, or None where the log knows no date."""
-    if not UNIX_US < time_us < 32_503_680_000_000_000:
-        return None
-    return datetime.fromtimestamp(time_us * 1e-6, UTC).isoformat(timespec="milliseconds")
 
 
 def _median(values: Any) -> float:

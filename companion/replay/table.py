@@ -15,9 +15,9 @@ from companion.errors import ConfigError, LogFormatError
 from companion.evaluation.metrics import Array, truth_at
 from companion.evaluation.smoother import Smoothed
 from companion.health import Health
+from companion.replay.findings import utc
 from companion.replay.record import Recording
 from companion.replay.sessions import Session
-from companion.replay.summary import utc
 from companion.samples import FaultySensor, Kind, Verdict
 
 HELD_US = 2_000_000

@@ -1,5 +1,5 @@
-"""From wherever the aircraft is to the runway: join the centre line, follow the glide path, flare,
-roll out.
+"""Approach and landing from any position: join the centre line, follow the glide path, flare, roll
+out.
 
 The runway is a line through the place where the scenario begins; distances along it count from the
 aiming point, in the direction of landing. Turns are led by ground track, so that wind is allowed

@@ -207,7 +207,7 @@ class GnssReceiver:
             if change.fix in TYPE_SD_M and change.fix != config.fix
         }
         self._underway: deque[tuple[int, Fix]] = deque()
-        """by time of arrival"""
+        """fixes that have not arrived yet, by time of arrival"""
         self._last_arrival_us = 0
 
     def measure(self, truth: Truth) -> None:

@@ -1,2 +1,2 @@
-"""What is made of many flights: campaigns, the gallery, reproduced papers, goals. Only the CLI
-imports it."""
+"""Studies of many flights: campaigns, the gallery, reproduced papers, goals. Only the command line
+imports them."""

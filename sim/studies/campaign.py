@@ -32,9 +32,9 @@ MEASURES = (
     "rmse_m", "p95_m", "max_m", "bias_m", "takeoff_rmse_m", "climb_rmse_mps", "nees", "coverage_2",
     "median_sd_m", "median_level_m", "detection_s", "wrong_share", "cost_us",
 )  # fmt: skip
-"""of a row; their means over the seeds are the summary's, but for the worst maximum"""
+"""values of a row that the summary averages over the seeds; of the maximum it has the worst"""
 COUNTS = ("faults", "detected", "false_alarms", "exceedances")
-"""of a row; the summary has their sums"""
+"""counts of a row that the summary adds up"""
 
 
 @dataclass(frozen=True)
@@ -48,12 +48,12 @@ class Job:
 
     @property
     def label(self) -> str:
-        """How the file of its rows begins."""
+        """Beginning of the name of the file with its rows."""
         return f"{self.scenario.name}-{self.seed}"
 
 
 class Flown(NamedTuple):
-    """One flight, what every estimator made of it, and the scenario's demands that were missed."""
+    """One flight, the results of every estimator, and the missed demands of the scenario."""
 
     summary: Summary
     found: Comparison

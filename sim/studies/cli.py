@@ -191,7 +191,7 @@ def feedback(
 
 
 def _estimators(chosen: list[str] | None) -> tuple[str, ...]:
-    """Those chosen on the command line, or all."""
+    """The estimators chosen on the command line, or all."""
     from companion.estimators import ESTIMATORS
 
     unknown = [name for name in chosen or [] if name not in ESTIMATORS]

@@ -1,4 +1,4 @@
-"""A log with faults: what the command ``kollsman-sim corrupt`` does."""
+"""The command ``kollsman-sim corrupt``: a copy of a log with faults."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ _REPORT_PACKETS = 2000
 
 @dataclass
 class Corruption:
-    """What became of the packets of a log."""
+    """Counts of the packets of a log."""
 
     read: int = 0
     written: int = 0
@@ -70,7 +70,7 @@ class Parameter(NamedTuple):
 
 
 def parameters(kind: type[Fault], *, common: bool) -> list[Parameter]:
-    """Of a fault: its own, or those that all share."""
+    """The parameters of a fault: its own, or those that all faults share."""
     return [
         Parameter(
             name,

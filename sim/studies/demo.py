@@ -40,7 +40,7 @@ LABELS = {
 
 @dataclass(frozen=True)
 class DemoRow:
-    """What the autopilot's side knows at one simulated second; unknown is NaN."""
+    """Heights on the autopilot's side at one simulated second; unknown is NaN."""
 
     time_s: float
     leg: str
@@ -100,7 +100,7 @@ class Companion:
 
 
 def free_port() -> int:
-    """A UDP port on loopback that nobody has now."""
+    """A UDP port on loopback that is free now."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
@@ -142,7 +142,7 @@ def fly(
 
 
 def reading(flight: Flight, progress: Progress) -> DemoRow:
-    """What the vehicle's last messages say now."""
+    """The values of the vehicle's last messages."""
     state, altitude = flight.vehicle.state, flight.vehicle.heard.altitude
     fix = state.fix
     return DemoRow(
@@ -167,7 +167,7 @@ def judge(tlog: Path) -> Collector:
         sample, truth, autopilot = collector.sample, collector.truth, collector.autopilot
 
         def published(self, message: object) -> None:
-            """What this replay would send is not what was received."""
+            """Ignored: this replay would send other messages than were received."""
 
     pipeline.observe(Ears())
     for packet in TlogReader(tlog):
@@ -182,7 +182,7 @@ def judge(tlog: Path) -> Collector:
 
 
 def errors(collector: Collector) -> dict[str, Errors]:
-    """Of each source that has any, by label."""
+    """Errors of each source, by label."""
     found = {label: collector.errors(name) for name, label in LABELS.items()}
     return {label: each for label, each in found.items() if each is not None}
 

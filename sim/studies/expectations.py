@@ -1,4 +1,4 @@
-"""What a scenario's `expected:` demands, held against one flight: for tests, campaigns and the
+"""Checks the demands of a scenario's `expected:` on one flight, for tests, campaigns and the
 gallery."""
 
 from collections.abc import Iterator

@@ -1,5 +1,5 @@
-"""When a scenario's faults make a sensor wrong, and what estimators made of that: for campaigns and
-the gallery."""
+"""Fault windows, in which a scenario's faults make a sensor wrong, and their attribution by
+estimators."""
 
 import math
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ class FaultWindow:
 
     @property
     def is_silent(self) -> bool:
-        """Whether the sensor is wrong without saying so: then an estimator should name it."""
+        """Whether the sensor does not report the fault itself: then an estimator should name it."""
         return not self.fault.announced
 
     def judge(self, series: Series) -> Detection | None:
@@ -36,7 +36,7 @@ class FaultWindow:
 
 
 def fault_windows(faults: Sequence[Fault], duration_s: float) -> list[FaultWindow]:
-    """Those of `faults` that harm a sensor and begin within the flight."""
+    """The windows of those `faults` that harm a sensor and begin within the flight."""
     found = []
     for fault in faults:
         if fault.faulty_sensor and fault.start_s < duration_s:

@@ -31,7 +31,7 @@ from sim.studies.runs import run
 DRIFT_M_PER_PA = 1.0 / 11.3
 """metres of altitude for a pascal at 600 m of the standard atmosphere"""
 START_S = 210.0
-"""when the drift begins: take-off and climb are over"""
+"""start of the drift: take-off and climb are over"""
 RATES_HZ = {"RAW_IMU": 10.0, "SIM_STATE": 0.0, "ATTITUDE": 4.0, "GLOBAL_POSITION_INT": 4.0}
 HOLDS = (
     "weather-change",
@@ -60,7 +60,7 @@ class Case:
     """weather of a scenario, instead of the drift"""
 
     def scenario(self) -> Scenario:
-        """What is flown: a hold at 600 m, or 500 m above the field in a scenario's weather."""
+        """The flight: a hold at 600 m, or 500 m above the field in a scenario's weather."""
         if self.hold_of:
             return self._hold(load_scenario(self.hold_of))
         pressure = [{"time_s": START_S, "sea_level_hpa": 1013.25}]
@@ -186,7 +186,7 @@ def fly(job: Job) -> list[Row]:
 
 
 def _start(marks: list[Mark | None]) -> Pipeline:
-    """A companion that keeps its mark in `marks`."""
+    """Start a companion that keeps its mark in `marks`."""
 
     def keep(mark: Mark | None) -> bool:
         marks[0] = mark

@@ -22,19 +22,11 @@ from companion.estimators import DEFAULT_ESTIMATOR
 from companion.evaluation.compare import Comparison, Result, Series
 from companion.evaluation.metrics import Array, truth_at
 from companion.evaluation.samples import BOOT_US
+from companion.plots.style import BARO, GNSS, INERTIAL, TRUTH
 from sim import BOOT_UNIX_US
 from sim.studies.campaign import Job, fly
 from sim.studies.fault_windows import FaultWindow, fault_windows
-from sim.studies.page import (
-    BARO,
-    ESTIMATOR_COLOURS,
-    GNSS,
-    INERTIAL,
-    TRUTH,
-    Page,
-    Value,
-    markdown_table,
-)
+from sim.studies.page import ESTIMATOR_COLOURS, Page, Value, markdown_table
 from sim.studies.runs import run
 
 PAGE = "README"

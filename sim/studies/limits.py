@@ -30,7 +30,7 @@ from sim.studies.page import Page, Value
 SETTLED_S, ONSET_S, OUTAGE_S = 60.0, 200.0, 300.0
 SEA_LEVEL_HPA, WARMER_K, FIELD_M, SEED = 1005.0, 10.0, 300.0, 1
 STEP_PA = -450.0
-"""40 m of barometer height at 700 m."""
+"""step of pressure: 40 m of barometer height at 700 m"""
 IMU = {mavlink.MAVLINK_MSG_ID_RAW_IMU}
 TRUTH = {mavlink.MAVLINK_MSG_ID_SIM_STATE}
 BARO = {
@@ -68,6 +68,7 @@ class Condition:
 def conditions() -> tuple[Condition, ...]:
     """The table's columns."""
     after, outage = (ONSET_S, math.inf), (ONSET_S, ONSET_S + OUTAGE_S)
+    qnh = f"air.qnh_hpa={field_qnh_hpa()}"
     step = parse_fault(f"step:quantity=pressure,size={STEP_PA:g},start_s={ONSET_S:g}")
     return (
         Condition("all sensors"),
@@ -78,7 +79,12 @@ def conditions() -> tuple[Condition, ...]:
         Condition("barometer +40 m", faults=(step,), judged_s=after),
         Condition("GNSS lost for 300 s", without(GNSS, *outage), judged_s=outage),
         Condition("no GNSS", without(GNSS)),
-        Condition("no GNSS, QNH", without(GNSS), settings=(f"air.qnh_hpa={field_qnh_hpa()}",)),
+        Condition("no GNSS, QNH", without(GNSS), settings=(qnh,)),
+        Condition(
+            "no GNSS, QNH and air temperature",
+            without(GNSS),
+            settings=(qnh, f"air.temperature_c={field_temperature_c()}"),
+        ),
     )
 
 
@@ -88,6 +94,11 @@ def field_qnh_hpa() -> int:
     column = 1.0 + L0_KPM * FIELD_M / (T0_K + WARMER_K)
     field_pa = 100.0 * SEA_LEVEL_HPA * column ** (-G0_MPS2 / (R_AIR * L0_KPM))
     return int(qnh_pa(field_pa, FIELD_M) * 0.01)
+
+
+def field_temperature_c() -> int:
+    """Air temperature that the same METAR reports, in whole degrees."""
+    return round(T0_K + WARMER_K + L0_KPM * FIELD_M - 273.15)
 
 
 def scenario() -> Scenario:
@@ -116,7 +127,7 @@ def scenario() -> Scenario:
 
 @dataclass
 class Watch:
-    """What the pipeline does, noted with every truth."""
+    """An observer that notes the pipeline's output with every truth."""
 
     pipeline: Pipeline | None = None
     times_us: list[int] = field(default_factory=list)
@@ -126,7 +137,7 @@ class Watch:
     sent_us: list[int] = field(default_factory=list)
 
     def sample(self, kind: Kind, row: Rows, verdict: Verdict, estimate: Rows) -> None:
-        """Nothing: the truth comes often enough."""
+        """Ignored: the truth is frequent enough."""
 
     def truth(self, time_us: int, altitude_amsl_m: float, climb_mps: float) -> None:
         assert self.pipeline is not None

@@ -18,25 +18,20 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from itertools import cycle
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from companion.estimators import DEFAULT_ESTIMATOR, ESTIMATORS
-
-TRUTH, BARO, GNSS, INERTIAL = "#222222", "#d55e00", "#0072b2", "#cc79a7"
-FUSED, OTHER, BOUND = "#009e73", "#e69f00", "#8c8c8c"
-# The palette of Okabe and Ito (2008), which colour-blind readers can tell apart.
-_OTHERS = ("#d55e00", "#0072b2", "#cc79a7", "#e69f00", "#56b4e9", "#5b4b00")
-ESTIMATOR_COLOURS = {DEFAULT_ESTIMATOR: FUSED} | dict(
-    zip((name for name in ESTIMATORS if name != DEFAULT_ESTIMATOR), cycle(_OTHERS), strict=False)
+from companion.estimators import ESTIMATORS
+from companion.plots.style import (
+    estimator_style,
 )
-"""One colour an estimator, by its place in the table."""
-"""Colours by role, the same on every page. FUSED is the proposal, OTHER what it is compared
-with."""
+
+ESTIMATOR_COLOURS = {name: estimator_style(name).colour for name in ESTIMATORS}
+"""One colour an estimator. Colours by role (BARO, GNSS, FUSED, OTHER and so on) are those of
+`companion.plots.style`, the same on every page."""
 
 _WIDTH_IN, _PANEL_IN, _DPI, _COLOURS = 8.0, 2.7, 110, 48
 
@@ -127,10 +122,11 @@ class Figure:
 
 @dataclass
 class Page:
-    """A page built in reading order; its files go to the folder `out` and begin with `slug`."""
+    """A page built in reading order; its files go to the folder `out` and begin with `slug`.
+    Without `out` nothing is written: figures are set up but not drawn."""
 
     slug: str
-    out: Path
+    out: Path | None
     blocks: list[str | Block] = field(default_factory=list)
 
     def text(self, paragraph: str) -> None:
@@ -167,8 +163,9 @@ class Page:
             )
             yield canvas.subplots(rows, columns, squeeze=False, **kwargs).ravel()
             file = f"{self.slug}-{name}.png"
-            self.out.mkdir(parents=True, exist_ok=True)
-            (self.out / file).write_bytes(_small_png(canvas))
+            if self.out is not None:
+                self.out.mkdir(parents=True, exist_ok=True)
+                (self.out / file).write_bytes(_small_png(canvas))
         self.blocks.append(Figure(file, caption))
 
     def head(self) -> list[str]:
@@ -181,7 +178,9 @@ class Page:
         return "\n\n".join(part.strip() for part in self.head() + body) + "\n"
 
     def write(self) -> Path:
-        """Write the Markdown file, and return its path."""
+        """Write the Markdown file, and return its path. Raises `ValueError` without a folder."""
+        if self.out is None:
+            raise ValueError(f"the page {self.slug} has no folder: give `out`")
         self.out.mkdir(parents=True, exist_ok=True)
         path = self.out / f"{self.slug}.md"
         path.write_text(self.markdown(), encoding="utf-8", newline="\n")

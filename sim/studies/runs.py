@@ -56,8 +56,8 @@ def run(
 
 
 def kept_parts() -> Path:
-    """Where a study that has no folder of its own keeps its results: in the user's cache. Those
-    that are older than `KEPT_S` are removed."""
+    """The folder in the user's cache for results of studies that have no folder of their own.
+    Results older than `KEPT_S` are removed."""
     folder = cache_directory() / "studies"
     folder.mkdir(parents=True, exist_ok=True)
     for path in folder.iterdir():
@@ -82,7 +82,7 @@ def _name(function: Callable[[Job], Any], job: Job) -> str:
 
 
 def plain(value: Any) -> Any:
-    """A job, or a part of one, as JSON has it; of a file what it holds counts, not its name."""
+    """A job, or a part of one, as JSON values; a file is represented by a hash of its content."""
     if isinstance(value, BaseModel):
         return value.model_dump(mode="json")
     if is_dataclass(value) and not isinstance(value, type):
@@ -103,7 +103,7 @@ def _file_hash(path: Path) -> str:
 
 @cache
 def _code_hash() -> str:
-    """Of both programs and of what the compiled parts depend on."""
+    """Hash of both programs and of everything that the compiled parts depend on."""
     digest = hashlib.sha256(source_hash().encode())
     for package in (companion, sim):
         root = Path(str(package.__file__)).parent

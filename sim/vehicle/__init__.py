@@ -1,1 +1,2 @@
-"""The MAVLink face of the simulated vehicle: streams, parameters, routing, autopilot flavours."""
+"""The MAVLink interface of the simulated vehicle: streams, parameters, routing, autopilot
+flavours."""

@@ -1,5 +1,5 @@
-"""The messages a simulated vehicle streams: one table a flavour drives streams, default rates and
-commands.
+"""The messages that a simulated vehicle streams. One table for each flavour drives streams, default
+rates and commands.
 
 Here are what all flavours share, and `TELEMETRY`, ArduPilot's table (PX4's is in ``px4.py``, the
 choice of one in ``flavours.py``). Integers and units are ArduPilot's, as measured: RAW_IMU in mG
@@ -49,16 +49,16 @@ _ARRAY_SIZE = 58
 
 @dataclass(slots=True)
 class State:
-    """All that the vehicle can tell at one instant: the last value of everything."""
+    """The values that the messages hold at one instant."""
 
     time_us: int = 0
     armed: bool = False
     truth: Truth | None = None
     motion: Motion | None = None
-    """the true mean motion behind the last IMU sample"""
+    """true mean motion over the last IMU sample"""
     attitude_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
     throttle: float = 0.0
-    """commanded, 0 to 1"""
+    """commanded throttle, 0 to 1"""
     imu: ImuSample | None = None
     pressure: Pressure | None = None
     air_temperature_k: float = math.nan
@@ -67,19 +67,19 @@ class State:
     position: Position | None = None
     home: Position | None = None
     origin: Position | None = None
-    """where the vehicle's own estimate began"""
+    """origin of the vehicle's own estimate"""
     ground_pressure_pa: float = math.nan
-    """the first reading: what the barometer was calibrated to at boot"""
+    """first reading, to which the barometer was calibrated at boot"""
     parameters: Mapping[str, float] = field(default_factory=dict)
     true_air: Callable[[Truth], TrueAir] | None = None
-    """what the air really is where the aircraft is"""
+    """true values of the air at the aircraft"""
 
 
 class Fresh(Enum):
-    """Of what a message is a new sample: it is not repeated before there is another."""
+    """The sample that a message carries; the message is not repeated before there is a new one."""
 
     ANY = 0
-    """no such thing: what is known is sent whenever its time has come"""
+    """no sample: the last values are sent whenever the message is due"""
     MOTION = 1
     FIX = 2
     IMU = 3
@@ -92,17 +92,16 @@ class Telemetry:
 
     packer: Packer
     payload: Callable[[State], bytes | None]
-    """None while there is nothing to send"""
+    """function that returns the payload; None while there is nothing to send"""
     default_hz: float
-    """on a link that has asked for nothing: ArduPlane's 1 Hz; 0 for what is only sent when asked
-    for"""
+    """rate on a link without requests: ArduPlane's 1 Hz; 0 is sent on request only"""
     full_hz: float
-    """to a log, and with --all-streams"""
+    """rate in a log, and with --all-streams"""
     group: int = -1
     """MAV_DATA_STREAM of REQUEST_DATA_STREAM; -1 none"""
     fresh: Fresh = Fresh.ANY
     follows: tuple[int, ...] = ()
-    """ids of messages that carry its time: it goes out right after one of them"""
+    """ids of messages that carry its time; it is sent right after one of them"""
 
 
 def heartbeat(state: State) -> bytes:
@@ -174,7 +173,7 @@ def sim_state(state: State) -> bytes | None:
 
 
 def true_air(state: State) -> bytes | None:
-    """The truth about the air in a message that loggers and plotters know: QNH (hPa), the column's
+    """The truth of the air, in a message that loggers and plotters show: QNH (hPa), the column's
     pressure at sea level (hPa), temperature less the standard one (K), pressure altitude (m), wind
     towards north, east, down (m/s)."""
     if state.truth is None or state.true_air is None:
@@ -187,8 +186,8 @@ def true_air(state: State) -> bytes | None:
 
 
 def scaled_pressure(state: State) -> bytes | None:
-    """Stamped when sent, and repeated when asked for more often than the barometer measures:
-    ArduPilot's way."""
+    """As ArduPilot sends it: stamped when sent, and repeated when it is requested more often than
+    the barometer measures."""
     sample, truth = state.pressure, state.truth
     if sample is None or truth is None:
         return None
@@ -245,8 +244,7 @@ def attitude(state: State) -> bytes | None:
 
 
 def global_position_int(state: State) -> bytes | None:
-    """Silent until there is an origin; ArduPilot sends positions near 0, 0 until then, which help
-    nobody."""
+    """None until there is an origin; ArduPilot sends positions near 0, 0 until then."""
     position = state.position
     if position is None:
         return None
@@ -265,8 +263,7 @@ def global_position_int(state: State) -> bytes | None:
 
 
 def vfr_hud(state: State) -> bytes | None:
-    """What a pilot looks at, of the vehicle's own estimate; the airspeed is the calibrated one, the
-    height AMSL."""
+    """Airspeed (calibrated), height (AMSL) and climb of the vehicle's own estimate."""
     truth, position = state.truth, state.position
     if truth is None:
         return None
@@ -282,7 +279,7 @@ def vfr_hud(state: State) -> bytes | None:
 
 
 def sys_status(state: State) -> bytes:
-    """Its sensors, and which of them are well: the receiver from its first 3D fix, the estimate
+    """The sensors and their health: the receiver is healthy from its first 3D fix on, the estimate
     from its origin on.
 
     There is no battery: voltage, current and charge are unknown."""

@@ -1,5 +1,4 @@
-"""Whose autopilot the vehicle looks like: what it streams, which parameters it has, and how it
-answers."""
+"""The autopilots that the vehicle can simulate: their messages, parameters and answers."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -22,7 +21,7 @@ _ANSWERED: int = (
     | mavlink.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
     | mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
 )
-"""What is answered here, and no more: a client that is promised files or missions asks for them."""
+"""capabilities that are answered; a client that is promised files or missions requests them"""
 
 
 @dataclass(frozen=True)
@@ -37,31 +36,31 @@ class Flavour:
     unknown_interval: int
     """result of SET_MESSAGE_INTERVAL for a message it does not stream"""
     unknown_query: int
-    """and of GET_MESSAGE_INTERVAL, which says 0, "not available" """
+    """result of GET_MESSAGE_INTERVAL for such a message; the interval is 0, "not available"
+    """
     unknown_request: int
-    """and of REQUEST_MESSAGE"""
+    """result of REQUEST_MESSAGE for such a message"""
     ardupilot: bool = False
-    """says the texts that ArduPilot says; PARAM_VALUE without an index unless it was asked for by
-    one"""
+    """whether it sends ArduPilot's texts, and PARAM_VALUE without an index unless it was requested
+    by index"""
     shortest_us: int = 0
-    """less than that between two messages is denied: ArduPilot sends in at most 0.8 of its loops"""
+    """shortest interval that is granted: ArduPilot sends in at most 0.8 of its loops"""
     step_us: int = 1
-    """intervals are multiples of it"""
+    """step of which intervals are multiples"""
     buckets: int = 1000
-    """so many different intervals a link; another one snaps to the nearest"""
+    """number of different intervals on a link; a further one is rounded to the nearest"""
     groups: bool = True
-    """REQUEST_DATA_STREAM is obeyed"""
+    """whether REQUEST_DATA_STREAM is obeyed"""
     baro_hz: int = 20
-    """how often it takes a reading of its barometer: ArduPilot's vehicles call AP_Baro::update at
-    10 Hz"""
+    """rate of its barometer readings: ArduPilot's vehicles call AP_Baro::update at 10 Hz"""
     timesync_us: int = 0
-    """it asks for the time every so often; 0 never"""
+    """period of its TIMESYNC requests; 0 sends none"""
     raised_m: Callable[[Mapping[str, float], float], float] = lambda values, pressure_pa: 0.0
-    """(parameters, pressure) -> by how much the parameters raise the barometric altitude"""
+    """(parameters, pressure) -> offset that the parameters add to the barometric altitude, m"""
     raise_time_s: float = 0.0
-    """time constant with which it follows them"""
+    """time constant with which the altitude follows that offset"""
     listing_slowdown: int = 1
-    """streams are so much slower on a link that the parameters are listed on"""
+    """factor by which streams are slower on a link while its parameters are listed"""
 
     def version_payload(self) -> bytes:
         """AUTOPILOT_VERSION."""
@@ -105,7 +104,7 @@ _COPTER = {key: replace(row, default_hz=0.0) for key, row in telemetry.TELEMETRY
 _COPTER[_HEARTBEAT] = replace(
     _COPTER[_HEARTBEAT], payload=_copter_heartbeat, default_hz=_GENERIC[_HEARTBEAT].default_hz
 )
-"""ArduCopter streams nothing but HEARTBEAT to a link that has not asked."""
+"""ArduCopter streams HEARTBEAT alone to a link without requests."""
 
 ARDUPILOT = Flavour(
     name="ardupilot",

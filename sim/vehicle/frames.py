@@ -1,8 +1,8 @@
 """Fast MAVLink 2 packing: three times as fast as pymavlink's message objects, from the same
 generated definitions.
 
-A flight of twenty minutes is 150,000 frames, so packing shows. Receiving is rare and left to
-`companion.mavlink.codec`.
+A flight of twenty minutes has 150,000 frames, so the speed of packing matters. Received frames are
+few; `companion.mavlink.codec` decodes them.
 """
 
 import struct

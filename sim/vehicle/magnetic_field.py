@@ -1,4 +1,4 @@
-"""The Earth's magnetic field as the simulated vehicle's compass sees it."""
+"""The Earth's magnetic field at the compass of the simulated vehicle."""
 
 import math
 

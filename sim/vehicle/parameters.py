@@ -1,5 +1,5 @@
-"""The vehicle's parameters: a small table a flavour, with real names and defaults, and what a
-PARAM_SET does to it.
+"""The vehicle's parameters: a small table for each flavour, with real names and defaults, and the
+effect of PARAM_SET.
 
 All are REAL32, so that the two encodings of MAVLink are the same bytes. They are held in memory
 until the end of the flight. Of these, BARO_ALT_OFFSET and SENS_BARO_QNH move the vehicle's own
@@ -18,7 +18,7 @@ NO_INDEX = 65535
 
 
 class Parameter(NamedTuple):
-    """One parameter as it is at boot."""
+    """One parameter with its value at boot."""
 
     name: str
     value: float
@@ -42,15 +42,15 @@ class Parameters:
         return len(self._names)
 
     def find(self, name: str, index: int) -> int | None:
-        """The index of what PARAM_REQUEST_READ asks for: by name if `index` is -1. None: there is
-        no such."""
+        """The index of the parameter that PARAM_REQUEST_READ requests, by name if `index` is -1;
+        None if there is none."""
         if index >= 0:
             return index if index < len(self._names) else None
         return self._names.index(name) if name in self.values else None
 
     def set(self, name: str, value: float) -> bool:
-        """Hold `value` as a float32; False when it may not be written and stays what it was. The
-        name is known."""
+        """Set a known parameter to `value` as a float32; False when it may not be written and keeps
+        its value."""
         if name in self._read_only or not math.isfinite(value):
             return False
         self.values[name] = value

@@ -1,7 +1,8 @@
-"""A port: one place the vehicle's messages go, with rates, sequence numbers and counts of its own.
+"""A port: one destination of the vehicle's messages, with its own rates, sequence numbers and
+counts.
 
-A live link starts at the default rates of the flavour (ArduPlane's 1 Hz) and obeys what is asked on
-it; a log gets the full set. Rates hold in simulated time.
+A live link starts at the default rates of the flavour (ArduPlane's 1 Hz) and obeys the requests
+that it receives; a log gets the full set. Rates hold in simulated time.
 """
 
 from collections import Counter
@@ -13,7 +14,7 @@ from sim.vehicle.flavours import ARDUPILOT, Flavour
 from sim.vehicle.frames import Packer
 
 MIN_INTERVAL_US = 20_000
-"""50 Hz, the rate of the IMU samples: nothing comes quicker, whatever was granted."""
+"""shortest interval of any message: 50 Hz, the rate of the IMU samples"""
 MAX_INTERVAL_US = 60_000_000
 OFF = -1
 _ANY, _MOTION, _FIX, _IMU, _PRESSURE = (
@@ -33,7 +34,7 @@ class _Stream:
         self.default_us = self.interval_us = interval_us
         self.due_us = 0
         self.carriers: tuple[int, ...] = ()
-        """those of ``row.follows`` that are streamed here"""
+        """messages of ``row.follows`` that are streamed on this port"""
 
 
 class Port:
@@ -53,11 +54,11 @@ class Port:
         self.sent_bytes = 0
         self.dropped = 0
         self.forwarded = 0
-        """frames of others"""
+        """number of forwarded frames of other senders"""
         self.heard = False
-        """whether anything has come from there"""
+        """whether a frame was received on this port"""
         self.slowdown = 1
-        """of all streams, while there is more urgent traffic"""
+        """factor by which all streams are slower, while parameters are listed"""
         self._flavour = flavour
         self._deliver = deliver
         self._sequence = 0
@@ -72,7 +73,7 @@ class Port:
         self._activate()
 
     def stream(self, state: State) -> None:
-        """Send all that is due and has something new to say."""
+        """Send every message that is due and has a new sample."""
         now_us = state.time_us
         if now_us < self._next_due_us:
             return
@@ -124,7 +125,7 @@ class Port:
             self.dropped += 1
 
     def forward(self, frame: bytes) -> None:
-        """Send somebody else's frame as it is."""
+        """Send a frame of another sender unchanged."""
         if self._deliver(frame):
             self.forwarded += 1
         else:
@@ -148,15 +149,14 @@ class Port:
         self._activate()
 
     def _in_a_bucket(self, stream: _Stream, interval_us: int) -> int:
-        """The nearest interval that another message has, when there is room for no more different
-        ones."""
+        """The nearest interval in use, when no further different interval is possible."""
         others = {other.interval_us for other in self._active if other is not stream}
         if len(others) < self._flavour.buckets:
             return interval_us
         return min(others, key=lambda other_us: abs(other_us - interval_us))
 
     def hasten(self, message_id: int, now_us: int) -> None:
-        """Send `message_id`, if it is streamed, with what is sent next: it has changed."""
+        """Send `message_id` at the next opportunity, if it is streamed: its content has changed."""
         self._streams[message_id].due_us = self._next_due_us = now_us
 
     def interval_us(self, message_id: int) -> int:

@@ -29,10 +29,10 @@ _DISARMED, _ARMED = (29, _AUTO | _LOITER, 3), (157, _AUTO | _MISSION, 4)
 """base_mode (custom, auto, guided, stabilised), custom_mode, system_status: Hold on the ground,
 then Mission"""
 _NEW_US = 20_000
-"""A pressure so young had not been in the HIGHRES_IMU before: they come at 50 Hz."""
+"""age below which a pressure was not in the HIGHRES_IMU before; that comes at 50 Hz"""
 _MOTION_BITS, _PRESSURE_BITS = 0x01FF, 0x1E00
 _NO_DOP = 9999
-"""hundredths: what a u-blox says without a fix"""
+"""dilution of precision without a fix, hundredths, as a u-blox reports it"""
 STANDARD_QNH_HPA = 1013.25
 
 
@@ -49,7 +49,7 @@ def baro_altitude_m(state: State, sample: Pressure) -> float:
 
 
 def raised_m(parameters: Mapping[str, float], pressure_pa: float) -> float:
-    """By how much SENS_BARO_QNH raises the altitude at a pressure."""
+    """Offset that SENS_BARO_QNH adds to the altitude at a pressure, m."""
     qnh_hpa = parameters["SENS_BARO_QNH"]
     if qnh_hpa == STANDARD_QNH_HPA:
         return 0.0
@@ -138,8 +138,7 @@ def gps_raw_int(state: State) -> bytes | None:
 
 
 def altitude(state: State) -> bytes | None:
-    """ALTITUDE: NaN is what it does not know. Before there is an origin, AMSL is the
-    barometer's."""
+    """ALTITUDE: NaN is unknown. Before there is an origin, AMSL is the barometer's height."""
     nan = math.nan
     monotonic_m = baro_altitude_m(state, state.pressure) if state.pressure is not None else nan
     position, origin, home = state.position, state.origin, state.home

@@ -1,5 +1,5 @@
-"""What one link brings and others should hear, as ArduPilot's MAVLink_routing decides it (and PX4
-with MAV_n_FORWARD).
+"""Forwarding of frames between links, by the rules of ArduPilot's MAVLink_routing (and of PX4 with
+MAV_n_FORWARD).
 
 A component is where it was heard from. A message without a target goes to every link from which
 something has been heard, one with a target to the links of that target, and nothing back to where
@@ -14,17 +14,17 @@ from sim.vehicle.ports import COMPONENT_ID, SYSTEM_ID, Port
 
 _HEARTBEAT: int = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 _OF_ONE_LINK = {mavlink.MAVLINK_MSG_ID_RADIO, mavlink.MAVLINK_MSG_ID_RADIO_STATUS}
-"""what a radio says of the link it makes"""
+"""messages in which a radio describes its own link"""
 
 
 class Routing:
-    """Remembers who was heard where."""
+    """Remembers on which port each component was heard."""
 
     def __init__(self) -> None:
         self._routes: dict[tuple[int, int], list[Port]] = {}
 
     def onward(self, arrived: Port, frame: Frame, message: Any) -> list[Port]:
-        """The ports to send `frame` on to, unchanged, once each."""
+        """The ports to which `frame` is forwarded, once each."""
         source = (frame.system_id, frame.component_id)
         if frame.system_id == 0 or source == (SYSTEM_ID, COMPONENT_ID):
             return []

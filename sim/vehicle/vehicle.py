@@ -1,5 +1,5 @@
-"""The MAVLink face of the simulated vehicle: streams, commands, parameters, and an ear for the
-companion.
+"""The MAVLink interface of the simulated vehicle: streams, commands, parameters, and the messages
+of the companion.
 
 System 1, component 1, MAVLink 2 (as with SERIALn_PROTOCOL 2). The commands that concern streams are
 obeyed a port at a time, and every command addressed to the vehicle is acknowledged: what it does
@@ -31,7 +31,7 @@ _VERSION_ID: int = mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION
 
 
 class Heard:
-    """What came back from others: counts, and the last ALTITUDE with the simulated time of its
+    """Messages of other programs: counts, and the last ALTITUDE with the simulated time of its
     arrival."""
 
     def __init__(self) -> None:
@@ -51,7 +51,7 @@ class Heard:
 
 
 class Vehicle:
-    """Holds the last value of everything, streams it to the ports, and answers what they hear.
+    """Holds the last values, streams them to the ports, and answers what the ports receive.
 
     `record` is called with (time_us, frame) for every frame received: a ground station's log holds
     those too.
@@ -116,8 +116,9 @@ class Vehicle:
             self.parameters.values["BARO1_GND_PRESS"] = sample.pressure_pa
 
     def reboot(self) -> None:
-        """Its own estimate begins anew, where it is; ArduPilot's calibration at boot sets
-        BARO_ALT_OFFSET to 0. Streams and clock go on: see the fault ``reboot`` for those."""
+        """The vehicle's own estimate begins anew at its present position; ArduPilot's calibration
+        at boot sets BARO_ALT_OFFSET to 0. Streams and clock go on: see the fault ``reboot`` for
+        those."""
         if "BARO_ALT_OFFSET" in self.parameters.values:
             self.parameters.values["BARO_ALT_OFFSET"] = 0.0
         self.state.pressure = self.state.home = self.state.origin = None
@@ -163,8 +164,8 @@ class Vehicle:
             self._list_parameters()
 
     def _ask_for_the_time(self) -> None:
-        """TIMESYNC with its own boot clock in ts1 (ArduPilot adds its system id, to know whose
-        answers are its own)."""
+        """Send TIMESYNC with the boot clock in ts1 (ArduPilot adds its system id, to recognise the
+        answers to its requests)."""
         now_us = self.state.time_us
         for port, due_us in self._timesync_us.items():
             if due_us <= now_us:
@@ -185,7 +186,7 @@ class Vehicle:
     # In
 
     def receive(self, port: Port, data: bytes) -> None:
-        """Take bytes that arrived at `port` now. Whatever they are, nothing raises."""
+        """Handle bytes that arrived at `port` now. No bytes raise an error."""
         decoder = self._decoders[port]
         for frame in decoder.feed(data):
             message = decoder.decode(frame)
@@ -249,7 +250,7 @@ class Vehicle:
         return self._send_now(port, message_id)
 
     def _request_home(self, port: Port, message: Any) -> int:
-        """The older way, which MAVROS still goes."""
+        """GET_HOME_POSITION, the older command, which MAVROS uses."""
         del message
         return self._send_now(port, mavlink.MAVLINK_MSG_ID_HOME_POSITION)
 
@@ -286,7 +287,7 @@ class Vehicle:
             port.send(timesync, timesync.named(tc1=self.state.time_us * 1000, ts1=message.ts1))
 
     def _on_ping(self, port: Port, frame: Frame, message: Any) -> None:
-        """Returned to its sender; ArduPilot does not know it."""
+        """PING: returned to its sender; ArduPilot does not support it."""
         if not self.flavour.ardupilot and (message.target_system, message.target_component) == (
             0,
             0,
@@ -296,14 +297,14 @@ class Vehicle:
             port.send(ping, ping.named(time_usec=message.time_usec, seq=message.seq, **sender))
 
     def _on_parameter_list(self, port: Port, frame: Frame, message: Any) -> None:
-        """From the first on, also when a list is under way."""
+        """List the parameters from the first one, also while a list is sent."""
         del frame
         if _is_ours(message):
             self._listing[port] = 0
             port.slowdown = self.flavour.listing_slowdown
 
     def _on_parameter_read(self, port: Port, frame: Frame, message: Any) -> None:
-        """What is not there is met with silence."""
+        """Send the requested parameter; an unknown one is not answered."""
         del frame
         if _is_ours(message):
             index = self.parameters.find(str(message.param_id), message.param_index)
@@ -312,8 +313,8 @@ class Vehicle:
                 port.send(packer("PARAM_VALUE"), payload)
 
     def _on_parameter_set(self, port: Port, frame: Frame, message: Any) -> None:
-        """PARAM_VALUE tells every port that speaks what it is now; only the asking one when it
-        stays what it was."""
+        """Set a parameter; PARAM_VALUE with the new value goes to every port in use, or to the
+        requesting one if it did not change."""
         del frame
         name = str(message.param_id)
         index = self.parameters.find(name, -1)
@@ -329,14 +330,14 @@ class Vehicle:
                 other.send(packer("PARAM_VALUE"), self.parameters.payload(index, by_index=False))
 
     def _on_mission_list(self, port: Port, frame: Frame, message: Any) -> None:
-        """It has no mission that could be read."""
+        """Answer that there is no mission."""
         if _is_ours(message):
             count = packer("MISSION_COUNT")
             sender = {"target_system": frame.system_id, "target_component": frame.component_id}
             port.send(count, count.named(count=0, mission_type=message.mission_type, **sender))
 
     def _on_mission_count(self, port: Port, frame: Frame, message: Any) -> None:
-        """And takes none."""
+        """Refuse a mission."""
         if _is_ours(message):
             answer = packer("MISSION_ACK")
             payload = answer.named(
@@ -353,5 +354,5 @@ def _is_ours(message: Any) -> bool:
 
 
 def _whole(value: float) -> int | None:
-    """A command's parameter as the integer it stands for; None when it is none."""
+    """A command's parameter as an integer; None when it is not one."""
     return round(value) if math.isfinite(value) else None

@@ -51,7 +51,7 @@ class Air(NamedTuple):
 
 
 def geopotential_m(altitude_m: float) -> float:
-    """Of a geometric altitude."""
+    """Geopotential altitude of a geometric altitude, m."""
     return _EARTH_RADIUS_M * altitude_m / (_EARTH_RADIUS_M + altitude_m)
 
 

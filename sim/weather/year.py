@@ -16,7 +16,7 @@ from sim.sensors import normals
 from sim.weather.fields import Change, WeatherPoint
 
 PA_PER_M = 11.98
-"""of the air at sea level, 15 C and 1017 hPa"""
+"""pressure gradient of the air at sea level, 15 C and 1017 hPa"""
 FROM_HOUR_TO_HOUR, SPREAD, LARGEST = 0.65, 0.25, 31.0 / 4.7
 """correlation; standard deviation of the strength's logarithm; largest change, in standard
 deviations"""

@@ -13,7 +13,7 @@ z, R                `z_innovation`             h^B - h^GPS (10), its variance R^
 x, P                ``motion.x``, ``motion.P``   height and climb, alpha-beta filter (33), (34)
 h^c                 `compensate`               compensated barometer height (32)
 Gamma               ``L0_KPM``                 lapse rate of the standard atmosphere
-H_0, T_0            ``H_0``, ``T_0``           reference height, and the standard temperature there
+H_0, T_0            ``error.H_0``, ``.T_0``    reference height, and the standard temperature there
 ==================  =========================  =====================================================
 
 A cycle is one barometer sample: predict height and climb (33), add Q^a and Q^b (17), (18),
@@ -32,9 +32,11 @@ are not formed. The regressor of (10) is the predicted height above H_0, not h^G
 
 Departures
 ----------
-- H_0 and T_0 are not latched at launch, since no first fix can be trusted: they are those of the
-  standard atmosphere, and h^B is its full column in geometric metres. For a constant lapse rate its
-  error is exactly affine in height.
+- H_0 and T_0 are not latched at launch, since no first fix can be trusted. H_0 is that of the
+  settings until the altimeter is set live (a QNH, or the elevation of the field:
+  `companion.estimators.setting`), then the height of the field; T_0 is the standard's there. The
+  temperature and the pressure of the field go to a (6) and b. h^B is the standard atmosphere's full
+  column in geometric metres: for a constant lapse rate its error is exactly affine in height.
 - Q^a, Q^b, Q^h grow with time, so that every sample rate means the same; the paper's are for steps
   of 0.2 s.
 - A fix meets the barometer height of its own time; one that is newer than the barometer waits for

@@ -9,7 +9,7 @@ import numpy as np
 
 from companion.estimators.judging import GATED, USED
 from companion.jit import step
-from companion.kernels.atmosphere import L0_KPM
+from companion.kernels.atmosphere import L0_KPM, T0_K
 from companion.kernels.kalman import Array, correct, inflated, spread
 from companion.samples import Record, Rows
 
@@ -26,6 +26,8 @@ ERROR = np.dtype(
     [
         ("x", "f8", (2,)),  # a, b
         ("P", "f8", (2, 2)),
+        ("H_0", "f8"),  # reference height: of the settings, then the field's once that is told
+        ("T_0", "f8"),  # the standard temperature there
         ("time_us", "i8"),  # until when Q^a and Q^b have been added
         ("P_settled", "f8", (2, 2)),  # P after the last fix, before its correlation is dropped
         ("H", "f8", (2,)),
@@ -44,6 +46,7 @@ def error_start(error: Record, params: Rows) -> None:
     """No error known, with the spreads of the settings."""
     p = params[0]
     error.x[0], error.x[1] = 0.0, 0.0
+    error.H_0, error.T_0 = p.H_0, p.T_0
     diagonal(error.P, p.P_a0, p.P_b0)
     diagonal(error.P_settled, p.P_a0, p.P_b0)
     error.time_us, error.lambda_us = -1, -1
@@ -51,6 +54,26 @@ def error_start(error: Record, params: Rows) -> None:
     error.K[0], error.K[1] = 0.0, 0.0
     error.innovation_m = math.nan
     error.run[0], error.run[1] = 0, 0
+
+
+@step
+def refer_to(error: Record, params: Rows, height_m: float) -> None:
+    """Count the scale factor from another reference height H_0: h^B - h stays what it is."""
+    up_m = height_m - error.H_0
+    error.x[1] += error.x[0] * up_m
+    refer(error.P, up_m)
+    refer(error.P_settled, up_m)
+    if params[0].joint == 0:
+        error.P[0, 1], error.P[1, 0] = 0.0, 0.0
+    error.H_0, error.T_0 = height_m, T0_K + L0_KPM * height_m
+
+
+@step
+def refer(P: Array, up_m: float) -> None:
+    """The covariance of a and b, for b at a reference height `up_m` higher."""
+    P[1, 1] += up_m * (2.0 * P[0, 1] + up_m * P[0, 0])
+    P[0, 1] += up_m * P[0, 0]
+    P[1, 0] = P[0, 1]
 
 
 @step
@@ -108,11 +131,11 @@ def correct_error(error: Record, motion: Record, params: Rows, innovation: float
     """Correct [a, b] with the row in H; the height moves along unless the correction is to be
     filtered."""
     p = params[0]
-    baro = motion.x[0] + error.x[0] * (motion.x[0] - p.H_0) + error.x[1]
+    baro = motion.x[0] + error.x[0] * (motion.x[0] - error.H_0) + error.x[1]
     correct(error.x, error.P, error.H, error.K, innovation, R)
     error.x[0] = max(error.x[0], LOWEST_A)
     if p.carried == 1:
-        motion.x[0] = compensate(baro, error.x[0], error.x[1], p.H_0)
+        motion.x[0] = compensate(baro, error.x[0], error.x[1], error.H_0)
 
 
 @step
@@ -121,16 +144,20 @@ def lambda_update(
 ) -> None:
     """(20)-(22) with the temperature T of the air at the predicted height."""
     p = params[0]
-    above = motion.x[0] - p.H_0
+    above = motion.x[0] - error.H_0
     if not motion.x[0] < TROPOPAUSE_M:
         return
-    variance = scale_variance(R_T, motion.P[0, 0], above, p.T_0)
+    variance = scale_variance(R_T, motion.P[0, 0], above, error.T_0)
     if error.lambda_us >= 0:
         variance *= max(1.0, p.temperature_time_s / ((time_us - error.lambda_us) * 1e-6))
     error.lambda_us = time_us
     error.H[0], error.H[1] = 1.0, 0.0
     correct_error(
-        error, motion, params, scale_of_temperature(p.law, T, p.T_0, above) - error.x[0], variance
+        error,
+        motion,
+        params,
+        scale_of_temperature(p.law, T, error.T_0, above) - error.x[0],
+        variance,
     )
 
 
@@ -142,7 +169,7 @@ def z_innovation(
     newest height; H is left set for it."""
     p = params[0]
     height = motion.x[0] - apart_m / (1.0 + error.x[0])
-    error.H[0] = (fix_m if p.regress_gnss == 1 else height) - p.H_0
+    error.H[0] = (fix_m if p.regress_gnss == 1 else height) - error.H_0
     error.H[1] = 1.0
     return baro - fix_m - error.H[0] * error.x[0] - error.x[1]
 

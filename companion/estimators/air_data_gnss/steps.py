@@ -9,6 +9,7 @@ from companion.estimators.air_data_gnss.error import (
     error_start,
     lambda_update,
     predict_error,
+    refer_to,
     z_correct,
     z_innovation,
 )
@@ -151,18 +152,20 @@ def fuse_waiting_fix(state: Rows, params: Rows) -> None:
 @step
 def fuse_setting(state: Rows, params: Rows, pressure_pa: float) -> None:
     """The z-update of a new setting of the altimeter, as one fix at the indicated altitude, where
-    it tells more than is known. The elevation of a vehicle at rest does: what b is beside it is the
-    slow error of the fixes before, which P does not know."""
-    s, p = state[0], params[0]
+    it tells more than is known. The field of the setting becomes H_0, with T_0 there. The elevation
+    of a vehicle at rest tells more: what b is beside it is the slow error of the fixes before,
+    which P does not know."""
+    s = state[0]
     if s.setting.is_new == 0:
         return
     s.setting.is_new = 0
     at_rest = waits_for_level(s.setting)
     level_m = pressure_altitude_m(pressure_pa)
     note_level(s.setting, level_m)
+    refer_to(s.error, params, s.setting.field_m)
     altitude_m = indicated_m(s.setting, level_m)
     sd_m = indicated_sd_m(s.setting, altitude_m, s.now_us)
-    s.error.H[0], s.error.H[1] = s.motion.x[0] - p.H_0, 1.0
+    s.error.H[0], s.error.H[1] = s.motion.x[0] - s.error.H_0, 1.0
     if at_rest:
         s.error.P[1, 1] += (s.motion.x[0] - altitude_m) ** 2
     if sd_m * sd_m < spread(s.error.P, s.error.H):
@@ -187,9 +190,11 @@ def fuse_temperature(state: Rows, params: Rows, die_temperature_k: float, time_u
 @step
 def predict(state: Rows, params: Rows, time_us: int) -> None:
     """Bring height and errors to the time of a barometer height (17), (18), (33)."""
-    s, p = state[0], params[0]
+    s = state[0]
     if s.motion.time_us < 0 or time_us - s.motion.time_us > SILENCE_US:
-        restart_motion(s.motion, compensate(s.baro_m, s.error.x[0], s.error.x[1], p.H_0), P_H0_M2)
+        restart_motion(
+            s.motion, compensate(s.baro_m, s.error.x[0], s.error.x[1], s.error.H_0), P_H0_M2
+        )
         s.gnss_alone = 0
     elif time_us > s.motion.time_us:
         predict_motion(s.motion, params, (time_us - s.motion.time_us) * 1e-6)
@@ -218,10 +223,10 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     fuse_setting(state, params, sample[0].pressure_pa)
     fuse_waiting_fix(state, params)
     a, b = s.error.x[0], s.error.x[1]
-    h_c = compensate(s.baro_m, a, b, p.H_0)
+    h_c = compensate(s.baro_m, a, b, s.error.H_0)
     R_h = p.R_B / ((1.0 + a) * (1.0 + a))
     if p.carried == 0:
-        s.error.H[0], s.error.H[1] = h_c - p.H_0, 1.0
+        s.error.H[0], s.error.H[1] = h_c - s.error.H_0, 1.0
         R_h += spread(s.error.P, s.error.H) / ((1.0 + a) * (1.0 + a))
     verdict = correct_motion(s.motion, s.error, params, h_c, R_h, time_us)
     write_estimate(state, params, estimate)
@@ -332,7 +337,7 @@ def write_estimate(state: Rows, params: Rows, estimate: Rows) -> None:
         return
     variance = s.motion.P[0, 0] + s.slow_var_m2
     if s.gnss_alone == 0:
-        s.error.H[0], s.error.H[1] = s.motion.x[0] - p.H_0, 1.0
+        s.error.H[0], s.error.H[1] = s.motion.x[0] - s.error.H_0, 1.0
         variance = (
             spread(s.error.P_settled, s.error.H)
             + growth_m2(s.outage, s.motion.time_us, s.baro_m)
@@ -347,7 +352,7 @@ def write_estimate(state: Rows, params: Rows, estimate: Rows) -> None:
     estimate[0].baro_offset_m = (
         math.nan
         if s.gnss_alone == 1
-        else compensate(s.baro_m, s.error.x[0], s.error.x[1], p.H_0) - s.baro_m
+        else compensate(s.baro_m, s.error.x[0], s.error.x[1], s.error.H_0) - s.baro_m
     )
     estimate[0].innovation_m = s.error.innovation_m
     estimate[0].baro_scale = s.error.x[0]

@@ -40,7 +40,7 @@ to this much more"""
 KNOWN_YAW_SD_RAD = 1.0
 """a yaw that has become more uncertain than this is unknown"""
 COURSE_TIME_S = 10.0
-"""for which the angle between nose and course stays the same"""
+"""time for which the angle between nose and course stays the same"""
 YAWLESS_SD_MPS = 2.0
 """horizontal velocity means little to a filter that does not know in which direction it
 accelerates"""

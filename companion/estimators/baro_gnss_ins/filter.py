@@ -60,7 +60,7 @@ ALONE_S = 600.0
 RUNAWAY_M = 30.0
 """how far height, and b after it, may have gone by then"""
 REST_US = 30_000_000
-"""for which an IMU that has been wrong is not integrated"""
+"""time for which an IMU that has been wrong is not integrated"""
 UNKNOWN_M, UNKNOWN_MPS, UNKNOWN_CLIMB_MPS = 1e4, 50.0, 10.0
 UNKNOWN_YAW_SD_RAD = math.pi / math.sqrt(3.0)
 """half a turn to either side, all equally likely"""

@@ -234,7 +234,7 @@ def gnss_serves(state: Rows) -> bool:
 def on_air(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     """A setting of the altimeter waits for the next pressure. A temperature alone is IGNORED."""
     s = state[0]
-    verdict = admit_setting(state, sample)
+    verdict = admit_setting(state, sample, False)
     if verdict != USED:
         return verdict
     note_air(s.setting, sample, not math.isnan(s.baro.h_p_m))

@@ -55,6 +55,7 @@ from companion.estimators.baro_inertial.inputs import (
     fuse_setting,
     gate_m,
     note_fix,
+    note_start_temperature,
     start_inputs,
     take_imu,
     take_pressure,
@@ -91,7 +92,7 @@ from companion.samples import Kind, Rows, Tables, readable, rows
 
 V, ALTITUDE, BIAS, ACCELERATION = range(4)
 START_CLIMB_VAR = 1.0
-"""of the barometer's slope over two seconds, (m/s)2"""
+"""variance of the barometer's slope over two seconds, (m/s)2"""
 
 STATE = state_dtype(
     ("inputs", INPUTS),
@@ -284,11 +285,13 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
 
 @step
 def on_air(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
-    """The setting of the altimeter: the start height where GNSS gives none. A temperature alone is
-    IGNORED."""
-    verdict = admit_setting(state, sample)
+    """The setting of the altimeter: the start height where GNSS gives none; and until the start the
+    air temperature, T of (3)."""
+    s = state[0]
+    verdict = admit_setting(state, sample, s.inputs.start_us < 0)
     if verdict == USED:
-        fuse_setting(state[0].inputs, sample)
+        note_start_temperature(s.inputs, sample)
+        fuse_setting(s.inputs, sample)
     return verdict
 
 

@@ -73,6 +73,7 @@ from companion.estimators.baro_inertial.inputs import (
     fuse_setting,
     gate_m,
     note_fix,
+    note_start_temperature,
     start_inputs,
     take_imu,
     take_pressure,
@@ -113,7 +114,7 @@ from companion.kernels.attitude import attitude_vehicle
 from companion.samples import Kind, Rows, Tables, readable, rows
 
 LOOP_VAR_M2 = 0.25
-"""of the loop's own error: barometer noise and what the gains make of accelerometer noise"""
+"""variance of the loop's own error: barometer noise, and accelerometer noise through the gains"""
 
 STATE = state_dtype(
     ("inputs", INPUTS),
@@ -283,11 +284,13 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
 
 @step
 def on_air(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
-    """The setting of the altimeter: the start height where GNSS gives none. A temperature alone is
-    IGNORED."""
-    verdict = admit_setting(state, sample)
+    """The setting of the altimeter: the start height where GNSS gives none; and until the start the
+    air temperature, T of (3)."""
+    s = state[0]
+    verdict = admit_setting(state, sample, s.inputs.start_us < 0)
     if verdict == USED:
-        fuse_setting(state[0].inputs, sample)
+        note_start_temperature(s.inputs, sample)
+        fuse_setting(s.inputs, sample)
     return verdict
 
 

@@ -21,9 +21,10 @@ where a QNH is known. From there on
     H = H_start + (1 + s) (H_p - H_p,start),      1 + s = T_start / T_standard(H_p,start)
 
 which is (2) with s = Delta T / T at the start; in a layer of constant lapse rate it is exactly the
-hypsometric formula from the start's pressure, temperature and height. Without a temperature s = 0.
-The temperature that MAVLink carries is the sensor die's, 10-30 K above the air: by default it is
-not used.
+hypsometric formula from the start's pressure, temperature and height. T_start is the setting
+``start_temperature_k``, or what AIR samples tell before the start: `air.temperature_c`, a METAR, or
+HYGROMETER_SENSOR. Without a temperature s = 0. SCALED_PRESSURE carries the temperature of the
+sensor's die, 10-30 K above the air: by default it is not used.
 
 GNSS after the start
 --------------------
@@ -36,7 +37,9 @@ import math
 import numpy as np
 
 from companion.estimators.setting import (
+    KNOWN_COLUMN_RATIO,
     SETTING,
+    has_temperature,
     indicated_m,
     indicated_sd_m,
     is_set,
@@ -77,11 +80,11 @@ START_SD_M, LARGEST_START_SD_M, START_WAIT_US = 20.0, 30.0, 20_000_000
 report more. One that still reports more after this time will not do better; a start above the
 second spread could not be published."""
 SETTLE_US = 2_000_000
-"""for so long the barometer must have been there, or have contradicted the filter, before the
+"""time for which the barometer must have been there, or have contradicted the filter, before the
 filter starts at it"""
 GATE_M = 10.0
-"""no vehicle leaves its inertial path by so much between barometer samples; a step of the barometer
-does"""
+"""distance by which no vehicle leaves its inertial path between barometer samples; a step of the
+barometer does"""
 GATE_WITHOUT_IMU_MPS = 10.0
 """more for each second since the last barometer sample when nothing is known of the acceleration"""
 COAST_ERROR_MPS2, COAST_WITHOUT_IMU_MPS2 = 0.3, 1.5
@@ -89,7 +92,7 @@ COAST_ERROR_MPS2, COAST_WITHOUT_IMU_MPS2 = 0.3, 1.5
 REFERENCE_TIME_S = 30.0
 """Averaging time of GNSS heights for the reported spread."""
 COLUMN_TEMPERATURE_ERROR = 0.035
-"""of the mean temperature of the air below: 10 K of 288"""
+"""relative error of the mean temperature of the air below: 10 K of 288"""
 
 
 INPUTS = np.dtype(
@@ -108,6 +111,7 @@ INPUTS = np.dtype(
         ("start_height_m", "f8"),  # geopotential
         ("start_var_m2", "f8"),
         ("start_us", "i8"),
+        ("start_air_k", "f8"),  # air temperature told before the start, NaN none
         ("scale", "f8"),  # s of (2)
         ("wait_us", "i8"),  # since when the filter waits for the barometer, -1 not
         ("wait_m", "f8"),  # barometer height then
@@ -138,6 +142,7 @@ def start_inputs(inputs: Record) -> None:
     inputs.start_height_m = math.nan
     inputs.start_var_m2 = math.nan
     inputs.start_us = -1
+    inputs.start_air_k = math.nan
     inputs.scale = 0.0
     inputs.wait_us = -1
     inputs.wait_m = math.nan
@@ -202,6 +207,13 @@ def fuse_setting(inputs: Record, sample: Rows) -> None:
     if changed and (is_alone or waits_for_level(inputs.setting)):
         inputs.start_us, inputs.reference_us = -1, -1
         inputs.reference_m = 0.0
+
+
+@step
+def note_start_temperature(inputs: Record, sample: Rows) -> None:
+    """Take the air temperature of an AIR sample for that of the start, until the start."""
+    if inputs.start_us < 0 and has_temperature(sample):
+        inputs.start_air_k = sample[0].air_temperature_k
 
 
 @step
@@ -281,7 +293,9 @@ def _start_at(inputs: Record, time_us: int, altitude_m: float, sd_m: float) -> N
 def _note_temperature(inputs: Record, params: Rows, die_temperature_k: float) -> None:
     """s of (2): the air's temperature at the newest pressure against the standard's there."""
     temperature_k = params[0].start_temperature_k
-    if params[0].use_die_temperature == 1:
+    if math.isnan(temperature_k):
+        temperature_k = inputs.start_air_k
+    if math.isnan(temperature_k) and params[0].use_die_temperature == 1:
         temperature_k = die_temperature_k - params[0].die_excess_k
     if temperature_k > 0.0:
         inputs.scale = temperature_k / (T0_K + L0_KPM * inputs.level_m) - 1.0
@@ -362,7 +376,9 @@ def reference_sd_m(inputs: Record, params: Rows, time_us: int, altitude_m: float
     since_us = inputs.start_us if inputs.reference_us < 0 else inputs.reference_us
     unseen_m = p.pressure_drift_mps * max(0.0, (time_us - since_us) * 1e-6)
     weather_m = p.pressure_drift_mps * (since_us - inputs.start_us) * 1e-6
-    column_m = COLUMN_TEMPERATURE_ERROR * (altitude_m - inputs.start_height_m)
+    told = not math.isnan(inputs.start_air_k)
+    column_error = KNOWN_COLUMN_RATIO if told else COLUMN_TEMPERATURE_ERROR
+    column_m = column_error * (altitude_m - inputs.start_height_m)
     prior = inputs.start_var_m2 + weather_m * weather_m + column_m * column_m
     weight = 0.0 if inputs.reference_us < 0 else prior / (prior + inputs.reference_var_m2)
     seen_m = weight * inputs.reference_m

@@ -20,8 +20,9 @@ class InputSettings(EstimatorSettings):
     start_temperature_k: Annotated[float, Field(gt=150, le=350)] | Literal["standard", "die"] = (
         "standard"
     )
-    """air temperature at the start: a number, standard: that of the standard atmosphere, die: the
-    barometer's own sensor less die_excess_k"""
+    """air temperature at the start: a number; standard: as told before the start (section air,
+    HYGROMETER_SENSOR), else that of the standard atmosphere; die: as told, else the barometer's own
+    sensor less die_excess_k"""
     die_excess_k: float = Field(20.0, ge=0, le=60)
     """excess of the barometer's own sensor over the air's temperature"""
     use_attitude: bool = True

@@ -140,7 +140,7 @@ def fly(state: Rows, params: Rows, course: Rows, velocities: Array, paths: Array
 
 @step
 def mean_square(errors: Array) -> float:
-    """Of those that are known."""
+    """Mean square of the values that are known."""
     total, count = 0.0, 0
     for error in errors:
         if not math.isnan(error):
@@ -151,8 +151,8 @@ def mean_square(errors: Array) -> float:
 
 @step
 def mean_square_slope(heights: Array, times_us: Array, windows: Array) -> float:
-    """Of the least-squares slopes of heights against time; a row of `windows` is (first fix, one
-    past the last)."""
+    """Mean square of the least-squares slopes of heights against time; a row of `windows` is (first
+    fix, one past the last)."""
     total, count = 0.0, 0
     for k in range(windows.shape[0]):
         first, last = windows[k, 0], windows[k, 1]
@@ -256,13 +256,13 @@ class Tuning:
     gains: Gains
     found: Search
     paper_cost: float
-    """of the paper's gains on the same flight"""
+    """cost of the paper's gains on the same flight"""
     has_velocity: bool
     """whether the log had GNSS vertical velocity"""
 
     @property
     def poles(self) -> tuple[complex, complex, complex]:
-        """Of the continuous loop, 1/s."""
+        """Poles of the continuous loop, 1/s."""
         return loop_poles(self.gains)
 
     @property

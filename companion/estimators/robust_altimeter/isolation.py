@@ -32,7 +32,7 @@ YOUNG_S = 20.0
 SETTLE_S = 5.0
 """For so long a new datum is a plain mean."""
 CORRELATED_SHARE = 0.5
-"""Of the variance of a GNSS height: what changes too slowly to average out."""
+"""Share of the variance of a GNSS height that changes too slowly to average out."""
 NOBODY = -1
 TRUST_IBIG, TRUST_IBI, TRUST_IIG, TRUST_NEITHER = 0, 1, 2, 3
 """Neither is both doubts added: then the fused one again, as the paper has it."""

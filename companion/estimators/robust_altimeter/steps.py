@@ -207,7 +207,7 @@ def on_air(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     """The setting of the altimeter: the datum of IBI until there is GNSS, and while the vehicle
     rests on a field of known elevation. A temperature alone is IGNORED."""
     s = state[0]
-    verdict = admit_setting(state, sample)
+    verdict = admit_setting(state, sample, False)
     if verdict != USED:
         return verdict
     changed = note_air(s.setting, sample, not math.isnan(s.level_m))

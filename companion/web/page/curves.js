@@ -1,7 +1,7 @@
 "use strict";
 // Curves of the last ten minutes on canvases. Data: rows of the server's history, in its columns.
 
-const SPAN_S = 600;
+const SPANS_S = [60, 120, 300, 600]; // what the time axis shows: the shortest that holds all rows
 const GAP_S = 4; // rows further apart are not joined
 
 /** The smallest of 1, 2, 5 x 10^n that divides `span` into at most `most` steps. */
@@ -83,6 +83,8 @@ class Curve {
   }
 
   draw(rows, nowS, hoverS) {
+    const ageS = rows.length ? nowS - rows[0][0] : 0;
+    this.spanS = SPANS_S.find((each) => each >= ageS - 2) || SPANS_S[SPANS_S.length - 1];
     const ratio = window.devicePixelRatio || 1;
     const width = this.canvas.clientWidth, height = this.canvas.clientHeight;
     if (!width) return;
@@ -96,7 +98,7 @@ class Curve {
     this.frame = { left: 52, right: width - 8, top: 8, bottom: height - 20 };
     const range = this._range(rows);
     this.clipped.textContent = range && range.isClipped ? "(axis clipped)" : "";
-    this.x = (s) => this.frame.right - ((nowS - s) / SPAN_S) * (this.frame.right - this.frame.left);
+    this.x = (s) => this.frame.right - ((nowS - s) / this.spanS) * (this.frame.right - this.frame.left);
     this._timeAxis(pen, nowS);
     if (!range) {
       this._read(null);
@@ -132,20 +134,21 @@ class Curve {
     pen.strokeStyle = cssColour("--line");
     pen.lineWidth = 1;
     pen.textBaseline = "top";
-    const stepS = right - left < 420 ? 300 : 120;
-    for (let ago = 0; ago <= SPAN_S; ago += stepS) {
+    const stepS = this.spanS / 5;
+    for (let ago = 0; ago <= this.spanS; ago += stepS) {
       const x = Math.round(this.x(nowS - ago)) + 0.5;
       pen.beginPath();
       pen.moveTo(x, top);
       pen.lineTo(x, bottom);
       pen.stroke();
-      pen.textAlign = ago === 0 ? "right" : ago === SPAN_S ? "left" : "center";
-      pen.fillText(ago === 0 ? "now" : `−${ago / 60} min`, x, bottom + 5);
+      pen.textAlign = ago === 0 ? "right" : ago === this.spanS ? "left" : "center";
+      const label = this.spanS <= 120 ? `−${ago} s` : `−${ago / 60} min`;
+      pen.fillText(ago === 0 ? "now" : label, x, bottom + 5);
     }
   }
 
   _valueAxis(pen, bottom, top) {
-    const step = niceStep(top - bottom, Math.max(2, Math.floor((this.frame.bottom - this.frame.top) / 34)));
+    const step = niceStep(top - bottom, Math.max(2, Math.floor((this.frame.bottom - this.frame.top) / 26)));
     const digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
     pen.textAlign = "right";
     pen.textBaseline = "middle";
@@ -226,7 +229,7 @@ class Curve {
     if (!this.frame) return null;
     const x = clientX - this.canvas.getBoundingClientRect().left;
     if (x < this.frame.left || x > this.frame.right) return null;
-    return nowS - ((this.frame.right - x) / (this.frame.right - this.frame.left)) * SPAN_S;
+    return nowS - ((this.frame.right - x) / (this.frame.right - this.frame.left)) * this.spanS;
   }
 }
 

@@ -250,7 +250,7 @@ function line(source, value, label) {
 function makeCurves() {
   const figure = (name) => document.querySelector(`[data-curve="${name}"]`);
   const level = { label: "protection level", colour: "--estimate", opacity: 0.12 };
-  const spread = { label: "95 %", colour: "--estimate", opacity: 0.28 };
+  const spread = { label: "95 % band", colour: "--estimate", opacity: 0.28 };
   return [
     new Curve(figure("altitude"), {
       least: 10, outliers: 0,
@@ -286,7 +286,7 @@ function start() {
   const draw = () => {
     if (state.dirty && state.rows.length) {
       state.dirty = false;
-      const fromS = nowS() - SPAN_S;
+      const fromS = nowS() - SPANS_S[SPANS_S.length - 1];
       const rows = state.rows.filter((row) => row[0] >= fromS);
       for (const curve of curves) curve.draw(rows, nowS(), state.hoverS);
     }

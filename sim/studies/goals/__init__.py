@@ -30,14 +30,14 @@ Progress = Callable[[float, str], None]
 
 @dataclass(frozen=True)
 class Context:
-    """What a section is asked for."""
+    """The parameters of an evaluation."""
 
     seeds: int
-    """Monte-Carlo runs of whatever has no number of its own"""
+    """number of Monte-Carlo runs"""
     workers: int
     """processes"""
     data: Path | None
-    """folder of recorded flights; None: what needs them is not run"""
+    """folder of recorded flights; None leaves out what needs them"""
     out: Path
     """folder of the pages"""
     progress: Progress
@@ -66,7 +66,7 @@ class Section:
     key: str
     title: str
     seeds: int
-    """how many Monte-Carlo runs unless told otherwise"""
+    """default number of Monte-Carlo runs"""
 
     @property
     def module(self) -> str:
@@ -89,4 +89,4 @@ _SECTIONS: tuple[Section, ...] = (
 )
 
 SECTIONS: dict[str, Section] = {section.key: section for section in _SECTIONS}
-"""By key."""
+"""The sections, by key."""

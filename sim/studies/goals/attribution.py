@@ -1,5 +1,5 @@
-"""What becomes of a fault: one flight, branched where the fault begins, against itself without the
-fault.
+"""The effect of a fault: one flight, branched where the fault begins, compared with itself without
+the fault.
 
 A log is read once as it is, which shows where it climbs and what a healthy estimator says of it. It
 is read again, and a little before each onset the pipeline branches (`Pipeline.branch`): the branch
@@ -32,7 +32,7 @@ Row = dict[str, Any]
 LEAD_S = 2.0
 """the branch begins this long before the onset: a frozen sensor must have had a reading"""
 SETTLED_S = 180.0
-"""from the first estimate to the first onset"""
+"""least time from the first estimate to the first onset"""
 MOVING_MPS, MOVING_S = 1.0, 15.0
 """what counts as a climb or a descent, and how long it must go on after the onset"""
 DOUBT_RATIO = 1.5
@@ -163,7 +163,7 @@ class Seen:
 
     @property
     def error_m(self) -> Array:
-        """Of the estimate. Truth is the newest one heard: the estimate is for now."""
+        """Error of the estimate against the newest truth, m."""
         return self.altitude_m - truth_at(self.now_us, self.truth[:, 0], self.truth[:, 1])
 
 
@@ -284,7 +284,7 @@ def _time_s(seen: Seen, chosen: Any) -> float:
 
 
 def _interval_s(seen: Seen) -> float:
-    """Between new values of the barometer."""
+    """Interval between new values of the barometer, s."""
     chosen = seen.kind == Kind.PRESSURE
     times_us, values = seen.now_us[chosen], seen.value[chosen]
     fresh = times_us[1:][np.diff(values) != 0.0]

@@ -33,14 +33,14 @@ class Model:
     last."""
 
     step_s: float = 0.2
-    """between barometer samples"""
+    """interval between barometer samples"""
     height_sd_m: float = 1e4
     climb_sd_mps: float = 30.0
     accel_bias_sd_mps2: float = 0.05
     accel_wander_sd_mps2: float = 0.01
     accel_wander_time_s: float = 100.0
     accel_white_sd_mps2: float = 0.03
-    """of the mean over a step"""
+    """standard deviation of the mean over a step"""
     offset_sd_m: float = 4.2
     """0.5 hPa"""
     rate_sd_mps: float = 0.0046

@@ -27,7 +27,7 @@ BURST_S, BURST_SD_M = (400.0, 520.0), 5.0
 
 @dataclass(frozen=True)
 class Scenario:
-    """What is flown, and what fails."""
+    """The flight, and its fault."""
 
     key: str
     title: str
@@ -70,7 +70,7 @@ _SCENARIOS = (
 )
 
 SCENARIOS: dict[str, Scenario] = {scenario.key: scenario for scenario in _SCENARIOS}
-"""By key."""
+"""The scenarios, by key."""
 
 
 @dataclass(frozen=True)

@@ -53,7 +53,7 @@ class FaultFlight:
     sensor: str
     """"barometer", "gnss" or "none" """
     faults: tuple[str, ...] = ()
-    """as ``kollsman-sim corrupt --fault`` spells them"""
+    """faults, as ``kollsman-sim corrupt --fault`` takes them"""
     hot: bool = False
     """the day is 20 K too warm and its sea-level pressure 7 hPa too low"""
 

@@ -102,8 +102,8 @@ def recorded(path: Path) -> dict[str, Any]:
 
 
 def cost(path: Path) -> tuple[float, float, int]:
-    """Of bank and copies: us an IMU sample if it bore all cost, us a sample (best of five), bytes
-    of a checkpoint."""
+    """Cost of the bank: us for each IMU sample if all cost were theirs, us for each sample (best of
+    five), bytes of a checkpoint."""
     log, method = samples_of(path), ESTIMATORS[BANK]
     run_log(method, log)
     best_s = math.inf

@@ -189,7 +189,7 @@ _GOALS = (
 )
 
 GOALS: dict[str, Goal] = {goal.key: goal for goal in _GOALS}
-"""By key, in the order of the index."""
+"""The goals by key, in the order of the index."""
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,7 @@ class Measured:
 
     @property
     def excess(self) -> float:
-        """By how much the value is beyond its limits; 0 when it is within."""
+        """Distance of the value from its limits; 0 when it is within."""
         if self.value is None:
             return math.nan
         if math.isnan(self.value):

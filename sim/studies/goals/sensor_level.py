@@ -22,8 +22,8 @@ Array = NDArray[np.float64]
 LATITUDE_DEG = 45.0
 STEP_S = 0.1
 AGE_US = {Kind.IMU: 2_000, Kind.PRESSURE: 63_000, Kind.GNSS: 170_000}
-"""when a row arrives: pressures and fixes after IMU samples that are newer than they are, as on a
-real link"""
+"""age of a row at its arrival: pressures and fixes arrive after newer IMU samples, as on a real
+link"""
 START_S = 30.0
 SLOW_SHARE = 0.7
 """Slow part of a receiver's spread, and white part."""
@@ -114,7 +114,7 @@ def hour(seed: int, seconds: int = 3600, gnss_sd_m: float = 4.24, baro_hz: int =
 
 
 def profile(rng: np.random.Generator, elapsed_s: Array) -> Array:
-    """Between levels of 300 to 3000 m at 2 to 5 m/s, with holds of one to five minutes."""
+    """A flight between levels of 300 to 3000 m at 2 to 5 m/s, with holds of one to five minutes."""
     times, levels = [0.0, rng.uniform(60.0, 300.0)], [rng.uniform(300.0, 3000.0)] * 2
     while times[-1] < elapsed_s[-1]:
         level = rng.uniform(300.0, 3000.0)
@@ -138,7 +138,7 @@ def smooth_over(values: Array, width: int) -> Array:
 
 
 def pressure_pa(baro_m: Array) -> Array:
-    """Of the troposphere's standard atmosphere."""
+    """Pressure of the standard troposphere."""
     geopotential_m = EARTH_RADIUS_M * baro_m / (EARTH_RADIUS_M + baro_m)
     return np.asarray(
         P0_PA * (1.0 + L0_KPM * geopotential_m / T0_K) ** (G0_MPS2 / (R_AIR * -L0_KPM))

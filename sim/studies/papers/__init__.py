@@ -1,6 +1,6 @@
 """The five published systems, each held against what its paper prints: `kollsman-sim reproduce`.
 
-`PAPERS` is the table that the command line and the tests read. A paper is one module here, named
+`PAPERS` is the table that the command line and the tests read. A paper is one package here, named
 after its estimator, with a function
 
     reproduce(seeds, out, progress) -> Page
@@ -42,9 +42,9 @@ class Paper:
         """Stem of the file names of its page and figures."""
         return self.module.replace("_", "-")
 
-    def reproduce(self, seeds: int, out: Path, progress: Progress) -> "Page":
+    def reproduce(self, seeds: int, out: Path | None, progress: Progress) -> "Page":
         """Rebuild the paper's simulation with `seeds` Monte-Carlo runs; figures are written to the
-        folder `out`."""
+        folder `out`, unless it is None."""
         page: Page = import_module(f"sim.studies.papers.{self.module}").reproduce(
             seeds, out, progress
         )

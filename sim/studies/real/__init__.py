@@ -17,7 +17,7 @@ from sim.studies.real.g1000 import G1000
 from sim.studies.real.recording import Recording
 
 SOURCES: dict[str, type[Recording]] = {"Garmin G1000": G1000, "Carbonix RTK": Carbonix}
-"""By the name that the page shows."""
+"""The formats, by the name that the page shows."""
 
 
 def source_of(path: Path) -> type[Recording] | None:

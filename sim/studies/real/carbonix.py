@@ -28,7 +28,7 @@ from sim.studies.real.recording import (
 Array = NDArray[np.float64]
 
 LATENCY_US = 120_000
-"""what the intake takes off a GNSS stamp, and therefore off the truth's"""
+"""latency that the intake subtracts from a GNSS time stamp, and so from that of the truth"""
 IMU_MEAN_S = 0.02
 """a slow stream has means over this time, as an autopilot's filter"""
 NEEDED = ("GPS0.Alt", "GPS1.Alt", "GPA0.VAcc", "BARO0.Press", "IMU0.AccX", "ATT0.Roll")

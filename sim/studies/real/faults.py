@@ -28,7 +28,7 @@ from sim.studies.real.recording import HOST_EPOCH_US, Plan
 
 IMU_HZ = (0, 2, 50)
 BEFORE_S, AFTER_S = 300.0, 120.0
-"""of a window, beside the longest case"""
+"""length of a window before and after the longest case"""
 LONGEST_S = 600.0
 BACK_M = 5.0
 """an estimate is back when it stays this near to the one of the healthy flight"""
@@ -153,9 +153,9 @@ class Window:
     path: Path
     imu_hz: int
     number: int
-    """of the onset, from 0; also the seed of what is laid on"""
+    """number of the onset, from 0; also the seed of the errors that are added"""
     count: int
-    """of onsets in the recording"""
+    """number of onsets in the recording"""
 
 
 def windows(paths: Sequence[Path], count: int) -> Iterator[Window]:
@@ -258,8 +258,8 @@ def _first_s(now_us: Array, is_so: NDArray[np.bool_], since_us: float) -> float:
 
 
 def _back_s(said: Published, log: SampleLog, end_us: float) -> float:
-    """From the end of the fault until the estimate stays within `BACK_M` of the healthy flight's;
-    NaN when it does not come back within `BACK_S`."""
+    """Time from the end of the fault until the estimate stays within `BACK_M` of the healthy
+    flight's; NaN when it does not come back within `BACK_S`."""
     now_us = said.now_us.astype(np.float64)
     chosen = (now_us >= end_us) & (now_us < end_us + AFTER_S * 1e6)
     healthy, _, _ = run_log(ESTIMATORS[DEFAULT_ESTIMATOR], log)

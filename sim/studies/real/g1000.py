@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 FT_M, INHG_HPA, KT_MPS = 0.3048, 33.8639, 0.514444
 LATENCY_US = 120_000
-"""what the intake takes off a GNSS stamp"""
+"""latency that the intake subtracts from a GNSS time stamp"""
 TICKS = {"pressure": 5, "gnss": 10, "second": 50}
 ACCEL_BIAS_MPS2, GYRO_BIAS_RADPS, ACCEL_SD_MPS2, GYRO_SD_RADPS = 0.08, 0.003, 0.05, 0.005
 NUMBERS = (
@@ -269,7 +269,7 @@ def _body_rates(angles: list[Array], rates: list[Array]) -> Array:
 
 
 def _counted(values: Array) -> Array:
-    """As RAW_IMU has them: 16-bit integers, cut."""
+    """Values as RAW_IMU holds them: 16-bit integers, truncated."""
     return np.trunc(np.clip(values, -32767.0, 32767.0))
 
 

@@ -32,7 +32,7 @@ LEAST_SD_M = 0.05
 """a height that moves less is a simulator's"""
 STEP_S = 0.02
 VERSION = 1
-"""of what is kept of a log"""
+"""version of the results that are kept of a log"""
 TIME_CONSTANT_S = 250.0
 WHITE_SD_M = 0.15
 LONGEST_STEP_S = 3.0
@@ -88,7 +88,7 @@ class RecordedError(GnssError):
 
     path: Path
     number: int
-    """of the stretch in its log"""
+    """number of the stretch in its log"""
     time_s: Array
     error_m: Array
     vertical_sd_m: Array

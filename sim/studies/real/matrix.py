@@ -33,7 +33,7 @@ IMU_HZ = (0, 1, 2, 5, 10, 25, 50)
 COMPARED_HZ = (0, 50)
 """IMU rates at which every estimator runs, with the first seed"""
 LAGS_S = (0.0, 1.0)
-"""of the recorded barometer, taken out: 0 leaves it as it is"""
+"""lags of the recorded barometer that are removed; 0 leaves it as it is"""
 SETTLE_S = 60.0
 ALL_COMBINATIONS = 20
 """seeds from which on every combination of attitude, lag and error is flown; with fewer seeds each
@@ -203,7 +203,7 @@ def _raw(log: SampleLog, start_us: float, truth_us: Array, truth_m: Array) -> Ro
 
 
 def _sent(said: Published, error_m: Array, start_us: float) -> Row:
-    """What went out: how much of the time, and how wrong."""
+    """Share of time with ALTITUDE, and its errors."""
     size = np.abs(error_m)
     sent = said.is_sent & np.isfinite(size)
     level_m, sd_m = said.of("protection_level_m"), said.of("altitude_sd_m")

@@ -33,7 +33,7 @@ class Plan:
     lag_s: float
     """lag of the recorded barometer that is taken out, s; 0 leaves the barometer as recorded"""
     seed: int
-    """of every error that is laid on"""
+    """seed of every error that is added"""
     field_elevation: bool = False
     """whether the elevation of the field is known at the start, with a standard error of 1 m"""
 

@@ -15,6 +15,7 @@ from companion.config import Settings
 from companion.estimators import DEFAULT_ESTIMATOR, ESTIMATORS
 from companion.estimators.vertical_bank.settings import VerticalBankSettings
 from companion.jobs import Done
+from companion.plots.style import BARO, BOUND, FUSED, GNSS, OTHER
 from companion.samples import FaultySensor, Kind
 from sim.studies.goals import Context
 from sim.studies.goals.bound import Model, bound
@@ -22,7 +23,7 @@ from sim.studies.goals.common_scenarios import SCENARIOS, Drawn, Scenario, draw,
 from sim.studies.goals.goals import Measured
 from sim.studies.goals.section import SectionPage
 from sim.studies.goals.sensor_level import START_S, Array, arrange, estimates_of
-from sim.studies.page import BARO, BOUND, FUSED, GNSS, OTHER, Value
+from sim.studies.page import Value
 
 MODEL = Model()
 BANK, AS_IT_COMES = "vertical-bank, their priors", "vertical-bank, as it comes"

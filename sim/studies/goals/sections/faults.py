@@ -48,7 +48,8 @@ class Job(NamedTuple):
 
 
 class Found(NamedTuple):
-    """Of one job: rows of faults tried and of the flight as it is, or rows of fault flights."""
+    """Result of one job: rows of the faults and of the flight without one, or rows of fault
+    flights."""
 
     tried: list[Row]
     flown: list[Row]

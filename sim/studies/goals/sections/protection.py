@@ -26,6 +26,7 @@ from companion.evaluation.integrity import (
 from companion.evaluation.metrics import Array, truth_at
 from companion.evaluation.samples import samples_of
 from companion.jobs import results
+from companion.plots.style import BOUND, FUSED, OTHER
 from companion.samples import Kind, Rows
 from companion.settings import CompanionSettings
 from sim.scenario import load_scenario
@@ -33,7 +34,7 @@ from sim.studies.goals import Context
 from sim.studies.goals.goals import Measured
 from sim.studies.goals.section import SectionPage
 from sim.studies.goals.sensor_level import fly, hour
-from sim.studies.page import BOUND, FUSED, OTHER, Value
+from sim.studies.page import Value
 from sim.studies.runs import flown
 
 Row = dict[str, Any]
@@ -161,7 +162,7 @@ def _logged(job: Job, path: Path, name: str) -> Row:
 
 
 def _measure(found: dict[float, tuple[Rows, Array, Array]]) -> Row:
-    """Of one flight: (estimates, errors, seconds) by risk."""
+    """Results of one flight: (estimates, errors, seconds) by risk."""
     row: Row = {}
     for risk, (estimates, error, elapsed_s) in found.items():
         late = elapsed_s > SETTLE_S

@@ -10,13 +10,13 @@ from companion.estimators import ESTIMATORS, run_log
 from companion.evaluation.metrics import Array, truth_at
 from companion.evaluation.samples import samples_of
 from companion.kernels.atmosphere import baro_altitude_array
+from companion.plots.style import BOUND, FUSED, GNSS, OTHER, TRUTH
 from companion.samples import Kind, Rows, SampleLog
 from companion.settings import CompanionSettings
 from sim.studies.goals import Context
 from sim.studies.goals.flight_jobs import BANK
 from sim.studies.goals.samples import flown
 from sim.studies.goals.section import SectionPage
-from sim.studies.page import BOUND, FUSED, GNSS, OTHER, TRUTH
 
 RECORDED, SIMULATED = "jsbsim_B", "weather-change"
 DRAWN_S = 1.0

@@ -39,7 +39,7 @@ from sim.studies.papers.adaptive_fusion.tables import (
 from sim.studies.papers.page import Page
 
 
-def reproduce(seeds: int, out: Path, progress: Progress) -> Page:
+def reproduce(seeds: int, out: Path | None, progress: Progress) -> Page:
     """The page of paper H."""
     tallies = nominal, drift, literal = Tally(), Tally(), Tally()
     examples: list[Run] = []

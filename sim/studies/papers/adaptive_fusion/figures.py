@@ -3,8 +3,10 @@
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
-from sim.studies.page import BARO, BOUND, FUSED, GNSS, OTHER, TRUTH, spread
+from companion.plots.style import BARO, BOUND, FUSED, GNSS, OTHER, TRUTH
+from sim.studies.page import spread
 from sim.studies.papers.adaptive_fusion.simulation import (
     DRIFT,
     NOMINAL,
@@ -16,6 +18,15 @@ from sim.studies.papers.adaptive_fusion.simulation import (
     Tally,
 )
 from sim.studies.papers.page import Page
+
+Array = NDArray[np.float64]
+TRACES = {
+    "baro_m": ("barometer", BARO),
+    "fixed_m": ("fixed filter", OTHER),
+    "adaptive_m": ("adaptive filter", FUSED),
+    "gnss_m": ("GPS", GNSS),
+}
+"""errors of a run, in the order in which they are drawn"""
 
 
 def draw_descent(page: Page) -> None:
@@ -48,23 +59,41 @@ def draw_nominal(page: Page, run: Run) -> None:
         axes[2].set(xlabel="iteration")
 
 
+AVERAGED = 51
+"""steps of a moving root mean square"""
+
+
+def moving_rms(error_m: Array) -> Array:
+    """Root mean square of the `AVERAGED` errors around each step, fewer at the ends."""
+    ones = np.ones(AVERAGED)
+    count = np.convolve(np.ones(error_m.size), ones, mode="same")
+    return np.asarray(np.sqrt(np.convolve(error_m**2, ones, mode="same") / count))
+
+
 def draw_drift(page: Page, run: Run) -> None:
     k = np.arange(1, PRESSURE_KPA.size + 1)
     caption = (
-        "One run under drift: adaptive against fixed (Fig. 9), normalised residual (Fig. "
-        "7), adaptive factor (Fig. 10)."
+        "One run under drift: absolute errors with the fixed filter (Fig. 6); of the adaptive "
+        f"filter (Fig. 8, thin), and root mean squares of {AVERAGED} steps of all (Figs. 8, 9), "
+        "the adaptive filter's above that of GPS; normalised residual (Fig. 7); adaptive factor "
+        "(Fig. 10)."
     )
-    with page.figure("drift", caption, rows=3, panel_in=1.9, sharex=True) as axes:
-        axes[0].plot(k, np.abs(run.baro_m), color=BARO, linewidth=0.5, label="barometer")
-        axes[0].plot(k, np.abs(run.fixed_m), color=OTHER, linewidth=0.5, label="fixed filter")
-        axes[0].plot(k, np.abs(run.gnss_m), color=GNSS, linewidth=0.5, label="GPS (Figs. 6, 8)")
-        axes[0].plot(k, np.abs(run.adaptive_m), color=FUSED, linewidth=0.5, label="adaptive filter")
-        axes[0].set(title="|error| (m)")
-        axes[0].legend(loc="upper left", ncols=4)
-        axes[1].plot(k, run.delta_m / math.sqrt(R_B + R_GPS), color=BOUND, linewidth=0.5)
-        axes[1].set(title="normalised residual (34)")
-        axes[2].plot(k, run.factor, color=FUSED, linewidth=0.5)
-        axes[2].set(title="adaptive factor S", xlabel="iteration")
+    with page.figure("drift", caption, rows=4, panel_in=1.9, sharex=True) as axes:
+        for name, (label, colour) in TRACES.items():
+            error_m = getattr(run, name)
+            if name != "adaptive_m":
+                axes[0].plot(k, np.abs(error_m), color=colour, linewidth=0.5, label=label)
+            width = 2.8 if name == "adaptive_m" else 1.4
+            axes[1].plot(k, moving_rms(error_m), color=colour, linewidth=width, label=label)
+        axes[1].plot(k, np.abs(run.adaptive_m), color=FUSED, linewidth=0.3, alpha=0.4, zorder=1)
+        axes[0].set(title="|error| (m), fixed filter")
+        axes[1].set(title=f"|error| of the adaptive filter, RMS of {AVERAGED} steps (m)")
+        axes[0].legend(loc="upper left", ncols=3)
+        axes[1].legend(loc="upper left", ncols=4)
+        axes[2].plot(k, run.delta_m / math.sqrt(R_B + R_GPS), color=BOUND, linewidth=0.5)
+        axes[2].set(title="normalised residual (34)")
+        axes[3].plot(k, run.factor, color=FUSED, linewidth=0.5)
+        axes[3].set(title="adaptive factor S", xlabel="iteration")
 
 
 def draw_rms(page: Page, drift: Tally) -> None:

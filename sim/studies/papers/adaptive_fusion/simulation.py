@@ -14,8 +14,13 @@ from companion.estimators.adaptive_fusion import (
     adaptive_factor,
     gain,
 )
-from companion.estimators.method import run_log
-from companion.kernels.atmosphere import geopotential_m, standard_pressure_pa
+from companion.estimators.method import Filter, run_log
+from companion.kernels.atmosphere import (
+    G0_MPS2,
+    R_AIR,
+    geopotential_m,
+    standard_pressure_pa,
+)
 from companion.samples import Kind, Rows, SampleLog, sample
 from sim.studies.page import Spread, generators, spread
 
@@ -132,6 +137,23 @@ def run_case(stream: VehicleRows, case: Case, noise: Array) -> Run:
         adaptive["altitude_amsl_m"] - truth_m,
         adaptive["innovation_m"].copy(),
     )
+
+
+def setting_difference_m() -> float:
+    """Largest difference of the estimator's h^B from (31), when p_0(k) and T_0(k) of the drift are
+    told before each pressure (geopotential)."""
+    running, worst_m = Filter(METHOD), 0.0
+    for step, pressure_kpa in enumerate(PRESSURE_KPA[::20].tolist(), start=1):
+        p0_kpa, t0_k = P0_KPA - DRIFT_KPA * pressure_kpa, T0_K - DRIFT_K * pressure_kpa
+        told = {"qnh_pa": 1e3 * p0_kpa, "air_temperature_k": t0_k, "field_elevation_m": 0.0}
+        time_us = step * STEP_US
+        running.step(Kind.AIR, sample(Kind.AIR, time_us, **told))
+        running.step(Kind.PRESSURE, sample(Kind.PRESSURE, time_us, pressure_pa=1e3 * pressure_kpa))
+        power = (pressure_kpa / p0_kpa) ** (LAPSE_KPM * R_AIR / G0_MPS2)
+        expected_m = t0_k / LAPSE_KPM * (1.0 - power)
+        baro_m = geopotential_m(float(running.state[0]["baro_m"]))
+        worst_m = max(worst_m, abs(baro_m - expected_m))
+    return worst_m
 
 
 SENSORS = ("baro_m", "gnss_m", "fixed_m", "adaptive_m")

@@ -35,7 +35,7 @@ from sim.studies.papers.air_data_gnss.tables import (
 from sim.studies.papers.page import Page
 
 
-def reproduce(seeds: int, out: Path, progress: Progress) -> Page:
+def reproduce(seeds: int, out: Path | None, progress: Progress) -> Page:
     """The page of paper W."""
     stream, found = VehicleRows(), {}
     for done, reading in enumerate(READINGS):

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from companion.kernels.atmosphere import G0_MPS2, L0_KPM, P0_PA, R_AIR, T0_K
-from sim.studies.page import FUSED, OTHER, TRUTH, Value, spread
+from companion.plots.style import FUSED, OTHER, TRUTH
+from sim.studies.page import Value, generators, spread
 from sim.studies.papers.air_data_gnss import air_temperature
 from sim.studies.papers.air_data_gnss.simulation import (
     GPS_SD_M,
@@ -47,8 +48,9 @@ def equation_rows() -> list[Row]:
                 TEMPERATURE_SD_K / T0_K, 1e-4,
                 where="(7)", note="the denominator must be T_0 squared"),
         holds("the z-update is the exact posterior of a and b",
-              at_most(update_difference(np.random.default_rng(1)), 1e-9),
-              f"differs by {update_difference(np.random.default_rng(1)):.0e}", where="(23)-(31)",
+              at_most(update_difference(generators("W update", 1)[0]), 1e-9),
+              f"differs by {update_difference(generators('W update', 1)[0]):.0e}",
+              where="(23)-(31)",
               note="it is a Kalman correction of [a, b] that forgets the correlation of the two; "
                   "this one does not "
               "divide by the height"),
@@ -150,7 +152,10 @@ def add_live(page: Page) -> None:
     page.text(
         "Live, HYGROMETER_SENSOR carries the air temperature (once a second); "
         "SCALED_PRESSURE.temperature_press_diff and HIGHRES_IMU.temperature are used where "
-        "`intake.air_temperature` says so, and `air.temperature_c` or a METAR tell it once. The "
+        "`intake.air_temperature` says so, and `air.temperature_c` or a METAR tell it once. H_0 "
+        "is `reference_height_m` until a QNH or the elevation of the field is told "
+        "(`air.qnh_hpa`, a METAR, or the parameters AIR_QNH_HPA and AIR_FIELD_M in flight); then "
+        "it is the height of the field, and T_0 the standard's there. The "
         "simulated vehicle sends a probe's reading with its errors (`sensors.thermometer`)."
     )
     page.table(

@@ -24,13 +24,14 @@ from sim.studies.papers.baro_gnss_ins.formulas import (
     kollsman_rows,
 )
 from sim.studies.papers.baro_gnss_ins.outage import (
-    DRIFT_SEEDS,
     DRIFTS_HPA_PER_H,
-    M_PER_HPA,
+    STORM_WALK_M_RTS,
     Outage,
     draw_outage,
     drift_rows,
+    in_weather,
     outage_rows,
+    storm_row,
 )
 from sim.studies.papers.baro_gnss_ins.spikes import GATE_RATES_HZ, Descents, draw_gate, gate_rows
 from sim.studies.papers.baro_gnss_ins.states import (
@@ -43,7 +44,7 @@ from sim.studies.papers.baro_gnss_ins.states import (
 from sim.studies.papers.page import Page
 
 
-def reproduce(seeds: int, out: Path, progress: Progress) -> Page:
+def reproduce(seeds: int, out: Path | None, progress: Progress) -> Page:
     """The page of paper R."""
     page = Page("R", seeds, out)
     page.text(
@@ -79,12 +80,11 @@ def reproduce(seeds: int, out: Path, progress: Progress) -> Page:
     drifting = {0.0: outage}
     for hpa_per_h in DRIFTS_HPA_PER_H:
         progress(0.85, f"weather, {hpa_per_h:g} hPa/h")
-        drifting[hpa_per_h] = Outage(("with",))
-        for generator in generators("R", min(seeds, DRIFT_SEEDS)):
-            drifting[hpa_per_h].fly(generator, hpa_per_h * M_PER_HPA / 3600.0)
+        drifting[hpa_per_h] = in_weather(seeds, hpa_per_h)
+    stormy = in_weather(seeds, DRIFTS_HPA_PER_H[-1], STORM_WALK_M_RTS)
     page.table(
         "The vertical channel (section VI): five minutes without GNSS",
-        outage_rows(outage) + drift_rows(drifting),
+        [*outage_rows(outage), *drift_rows(drifting), storm_row(stormy)],
     )
     draw_outage(page, outage)
     return page

@@ -10,7 +10,7 @@ from companion.estimators.baro_gnss_ins.altimetry import (
     kollsman_slope_mppa,
 )
 from companion.kernels.atmosphere import geopotential_m, pressure_altitude_m, standard_pressure_pa
-from sim.studies.page import BARO
+from companion.plots.style import BARO
 from sim.studies.papers.page import Page, Row, compare, holds, near
 
 Array = NDArray[np.float64]

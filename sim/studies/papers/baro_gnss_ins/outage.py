@@ -6,10 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.estimators.baro_gnss_ins import METHOD
+from companion.estimators.baro_gnss_ins.settings import BaroGnssInsSettings
 from companion.estimators.baro_gnss_ins.strapdown import transition
 from companion.estimators.method import run_log
+from companion.plots.style import BOUND, FUSED, GNSS, INERTIAL
 from companion.samples import Kind, Rows, SampleLog, sample
-from sim.studies.page import BOUND, FUSED, GNSS, INERTIAL, spread
+from sim.studies.page import generators, spread
 from sim.studies.papers.baro_gnss_ins.formulas import SECOND_US, pressures_pa
 from sim.studies.papers.page import Page, Row, below, holds
 
@@ -54,7 +56,12 @@ class Outage:
     """An aeroplane with GNSS until 150 s and from 450 s on; the same flight with its barometer and
     without."""
 
-    def __init__(self, names: tuple[str, ...] = ("with", "without")) -> None:
+    def __init__(
+        self,
+        names: tuple[str, ...] = ("with", "without"),
+        settings: BaroGnssInsSettings | None = None,
+    ) -> None:
+        self.settings = settings
         self.logs = {name: SampleLog() for name in names}
         self.fixes_s: list[float] = []
         for tick in range(FLIGHT_S * IMU_HZ):
@@ -103,7 +110,7 @@ class Outage:
                 log[Kind.PRESSURE]["pressure_pa"] = pressure
             for field, values in fixes.items():
                 log[Kind.GNSS][field] = values
-            self._note(name, run_log(METHOD, log)[0], slow_m)
+            self._note(name, run_log(METHOD, log, self.settings)[0], slow_m)
 
     def _inertial(self, time_s: Array, generator: np.random.Generator) -> tuple[Array, Array]:
         _, climb, acceleration = motion(time_s)
@@ -190,6 +197,33 @@ def outage_rows(outage: Outage) -> list[Row]:
     ]
 
 
+STORM_WALK_M_RTS = DRIFTS_HPA_PER_H[-1] * M_PER_HPA / 3600.0 * math.sqrt(FOUND_S - LOST_S)
+"""Random walk of b whose spread after the outage is what the fastest drift adds in it."""
+
+
+def in_weather(seeds: int, hpa_per_h: float, walk_m_rts: float | None = None) -> Outage:
+    """Flights with the barometer through a steady drift; with another walk of b if given."""
+    walk = {} if walk_m_rts is None else {"baro_walk_m_rts": walk_m_rts}
+    outage = Outage(("with",), BaroGnssInsSettings(**walk))
+    for generator in generators("R", min(seeds, DRIFT_SEEDS)):
+        outage.fly(generator, hpa_per_h * M_PER_HPA / 3600.0)
+    return outage
+
+
+def storm_row(stormy: Outage) -> Row:
+    """What follows from the fastest drift: the setting that makes the spread honest."""
+    nees, worst = spread(stormy.share["with"]), spread(stormy.worst_m["with"])
+    return holds(
+        f"the same, weather {DRIFTS_HPA_PER_H[-1]:g} hPa/h",
+        below(nees.mean, 2.0),
+        nees,
+        reading=f"`baro_walk_m_rts` {STORM_WALK_M_RTS:.2f}, which reaches this drift in the outage "
+        "(default 0.3: 18 m in an hour)",
+        note=f"largest error {worst} m: a walk widens the spread, it does not follow a drift "
+        "that nothing measures",
+    )
+
+
 def drift_rows(drifting: dict[float, Outage]) -> list[Row]:
     """Whether the reported spread is honest, by the drift of the weather."""
     rows = []
@@ -200,7 +234,8 @@ def drift_rows(drifting: dict[float, Outage]) -> list[Row]:
             "squared over variance",
             below(nees.mean, 2.0),
             nees,
-            note=f"1 is exact, less is cautious; largest error {worst} m",
+            note=f"1 is exact, less is cautious; errors are {math.sqrt(nees.mean):.1f} times the "
+            f"reported spread; largest error {worst} m",
         )
         rows.append(row)
     return rows

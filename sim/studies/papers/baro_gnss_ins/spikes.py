@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from companion.estimators.baro_gnss_ins import METHOD
 from companion.estimators.method import run_log
 from companion.kernels.atmosphere import standard_pressure_pa
+from companion.plots.style import FUSED, INERTIAL, OTHER
 from companion.samples import Kind, SampleLog, Verdict, sample
-from sim.studies.page import FUSED, INERTIAL, OTHER, Spread, generators, spread
+from sim.studies.page import Spread, generators, spread
 from sim.studies.papers.baro_gnss_ins.formulas import SECOND_US, pressures_pa
 from sim.studies.papers.page import Page, Row, at_most, below, holds
 

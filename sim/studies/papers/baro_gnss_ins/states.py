@@ -9,8 +9,9 @@ from companion.estimators.baro_gnss_ins.filter import N
 from companion.estimators.baro_gnss_ins.settings import BaroGnssInsSettings
 from companion.estimators.method import run_log
 from companion.kernels.atmosphere import baro_altitude_m, standard_pressure_pa
+from companion.plots.style import BOUND, FUSED, OTHER
 from companion.samples import Kind, SampleLog, sample
-from sim.studies.page import BOUND, FUSED, OTHER, generators, spread
+from sim.studies.page import generators, spread
 from sim.studies.papers.baro_gnss_ins.formulas import SECOND_US, pressures_pa
 from sim.studies.papers.page import Page, Row, at_most, compare, holds
 
@@ -217,35 +218,25 @@ def _found_rows(level: Profile, climb: Profile) -> list[Row]:
 def draw_states(page: Page, level: Profile, climb: Profile) -> None:
     caption = (
         "Bias and scale factor found by the filter, one point a seed (true 25 m and 0.03). In "
-        "level flight only b + s h_p is seen (dashed: equal sums), and the points scatter along "
-        "the gain of the priors (dotted), across the dashed line; after a climb they gather at "
-        "one point."
+        "level flight only b + s h_p is seen: the points lie on the line of the true sum (dashed) "
+        "where the gain of the priors, from b = s = 0, crosses it (dotted), and scatter along that "
+        "gain; after a climb they gather at the truth."
     )
+    h_p = float(level.h_p_m[-1])
+    ratio = CONSTANT.baro_scale_sd_ratio**2 * h_p / CONSTANT.baro_bias_sd_m**2
     with page.figure("states", caption, columns=2) as axes:
         for panel, profile, name in (
             (axes[0], level, "level at 800 m"),
             (axes[1], climb, "climb from 100 to 1600 m"),
         ):
             panel.plot(profile.b_m, profile.s, ".", color=FUSED, markersize=4, label="a seed")
-            panel.plot([B_M], [S], "+", color=OTHER, markersize=12, label="truth")
+            panel.plot([B_M], [S], "P", color=OTHER, markersize=10, label="truth", zorder=3)
             panel.set(title=name, xlabel="b (m)", ylabel="s")
-        h_p, b = float(level.h_p_m[-1]), np.array(level.b_m)
-        middle, around = float(b.mean()), np.array([b.min(), b.max()])
-        ratio = CONSTANT.baro_scale_sd_ratio**2 * h_p / CONSTANT.baro_bias_sd_m**2
-        at = float(np.mean(level.s))
-        axes[0].plot(
-            around,
-            at - (around - middle) / h_p,
-            color=BOUND,
-            linestyle="--",
-            label="equal b + s h_p",
-        )
-        axes[0].plot(
-            around,
-            at + ratio * (around - middle),
-            color=BOUND,
-            linestyle=":",
-            label="gain of the priors",
-        )
+        b_m = np.array([B_M - 0.5, max(level.b_m) + 1.0])
+        for s, style, label in (
+            (S - (b_m - B_M) / h_p, "--", "true b + s h_p"),
+            (ratio * b_m, ":", "gain of the priors"),
+        ):
+            axes[0].plot(b_m, s, color=BOUND, linestyle=style, linewidth=1.4, label=label)
         axes[0].legend()
         axes[1].legend()

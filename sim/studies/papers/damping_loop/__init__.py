@@ -37,7 +37,7 @@ from sim.studies.papers.damping_loop.simulation import (
 from sim.studies.papers.page import Page
 
 
-def reproduce(seeds: int, out: Path, progress: Progress) -> Page:
+def reproduce(seeds: int, out: Path | None, progress: Progress) -> Page:
     """The page of this paper."""
     page = Page("K", seeds, out)
     progress(0.0, "drives")

@@ -222,7 +222,7 @@ def compensated_m(driven: Drive, told: dict[str, float]) -> Array:
 
 def barometer_rms_m(drives: list[Drive]) -> tuple[float, float]:
     """Of the standard and of the compensated altitude over all drives."""
-    random = np.random.default_rng(np.random.SeedSequence([ord("K"), 1]))
+    random = generators("K thermometer", 1)[0]
     standard, compensated = [], []
     for driven in drives:
         pressures = driven.log[Kind.PRESSURE]

@@ -35,7 +35,7 @@ from sim.studies.papers.robust_altimeter.tables import (
 )
 
 
-def reproduce(seeds: int, out: Path, progress: Progress) -> Page:
+def reproduce(seeds: int, out: Path | None, progress: Progress) -> Page:
     """The page of paper C."""
     draws = noises(generators("C", seeds))
     outcome: Outcome = {}

@@ -5,9 +5,16 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.studies.page import BOUND, FUSED, OTHER, spread
+from companion.plots.style import BOUND, FUSED, INERTIAL, OTHER
+from sim.studies.page import spread
 from sim.studies.papers.page import Page, Row, below, holds
-from sim.studies.papers.robust_altimeter.altimeter_errors import ALTIMETERS, BIASED, T_D_S, simulate
+from sim.studies.papers.robust_altimeter.altimeter_errors import (
+    ALTIMETERS,
+    BIASED,
+    T_D_S,
+    Result,
+    simulate,
+)
 from sim.studies.papers.robust_altimeter.models import TABLE_1, TABLE_1_ROBUST
 
 Array = NDArray[np.float64]
@@ -73,10 +80,18 @@ def add_sweep(page: Page, draws: Array) -> None:
 def _draw_sweep(page: Page, means: dict[str, list[tuple[float, float]]]) -> None:
     caption = "Mean error of IIG against the size of a bias on both sensors for 100 s (Table 1)."
     with page.figure("bias", caption) as axes:
-        shown = (OPTIMAL, ROBUST, f"robust, re-acquires after {PATIENCE_S:g} s")
-        for name, colour in zip(shown, (BOUND, OTHER, FUSED), strict=True):
+        styles = ((BOUND, "-", 1.1), (OTHER, "--", 1.4), (INERTIAL, "-", 1.1), (FUSED, "-", 3.0))
+        for order, (name, (colour, style, width)) in enumerate(zip(KINDS, styles, strict=True)):
             axes[0].plot(
-                BIASES_M, [iig for _, iig in means[name]], marker="o", color=colour, label=name
+                BIASES_M,
+                [iig for _, iig in means[name]],
+                marker="o",
+                markersize=4,
+                color=colour,
+                linestyle=style,
+                linewidth=width,
+                label=name,
+                zorder=10 - order,
             )
         axes[0].set(title="mean |error| (m)", xlabel="bias (m)")
         axes[0].legend(loc="upper left")
@@ -104,6 +119,11 @@ def add_lock_out(page: Page, draws: Array) -> None:
         ],
         ("robust, as printed", f"robust, re-acquires after {PATIENCE_S:g} s", "optimal"),
     )
+    _draw_lock_out(page, optimal, ours, printed)
+
+
+def _draw_lock_out(page: Page, optimal: Result, ours: Result, printed: Result) -> None:
+    """Error and probability of IIG in the first run."""
     time_s = T_D_S * np.arange(LONG)
     with page.figure(
         "lock-out",
@@ -113,12 +133,25 @@ def add_lock_out(page: Page, draws: Array) -> None:
     ) as axes:
         for result, colour, name in (
             (optimal, BOUND, "optimal"),
-            (printed, OTHER, "robust"),
-            (ours, FUSED, "re-acquires"),
+            (ours, FUSED, f"robust, re-acquires after {PATIENCE_S:g} s"),
+            (printed, OTHER, "robust, as printed"),
         ):
-            axes[0].plot(time_s, np.abs(result.errors_m[0, :, 1]), color=colour, label=name)
+            style = "--" if result is printed else "-"
+            axes[0].plot(
+                time_s,
+                np.abs(result.errors_m[0, :, 1]),
+                color=colour,
+                linestyle=style,
+                label=name,
+            )
             if result is not optimal:
-                axes[1].plot(time_s, result.probability[0, :, 1], color=colour)
+                axes[1].plot(
+                    time_s,
+                    result.probability[0, :, 1],
+                    color=colour,
+                    linestyle=style,
+                    linewidth=0.8,
+                )
         axes[0].set(yscale="symlog", title="|error| (m)")
         axes[0].legend()
         axes[1].set(xlabel="time (s)", title="prob(1/i)")

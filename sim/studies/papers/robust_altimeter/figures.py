@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim.studies.page import BARO, BOUND, FUSED, GNSS
+from companion.plots.style import BARO, BOUND, FUSED, GNSS
 from sim.studies.papers.page import Page
 from sim.studies.papers.robust_altimeter.altimeter_errors import (
     ALTIMETERS,

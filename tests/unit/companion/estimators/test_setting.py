@@ -8,6 +8,25 @@ import pytest
 from numpy.typing import NDArray
 
 from companion.estimators import ESTIMATORS, Filter
+from companion.estimators.air_data_gnss.error import ERROR, error_start, refer_to
+from companion.estimators.air_data_gnss.settings import AirDataGnssSettings
+from companion.estimators.setting import (
+    SETTING,
+    indicated_m,
+    indicated_sd_m,
+    note_air,
+    note_level,
+    setting_start,
+)
+from companion.kernels.atmosphere import (
+    G0_MPS2,
+    L0_KPM,
+    R_AIR,
+    T0_K,
+    geopotential_m,
+    pressure_altitude_m,
+    qnh_pa,
+)
 from companion.samples import Kind, Rows, Verdict, sample
 from tests.flights import Flight, flight
 
@@ -132,3 +151,127 @@ def test_the_barometer_moves_nothing_while_gnss_serves() -> None:
         errors[mode] = error_m[(elapsed_s > 60.0) & (elapsed_s < 64.0)]
         assert np.abs(error_m[elapsed_s > 125.0]).max() < 15.0
     assert np.abs(errors["gnss_unreliable"]).max() < 3.0
+
+
+FIELD_M, ABOVE_M, WARMER_K = 300.0, 1000.0, 15.0
+
+
+def warm_pressure_pa(height_m: float) -> float:
+    """Of a column with the standard lapse rate, WARMER_K above the standard (geopotential)."""
+    ratio = 1.0 + L0_KPM * height_m / (T0_K + WARMER_K)
+    return 101_000.0 * float(ratio ** (-G0_MPS2 / (R_AIR * L0_KPM)))
+
+
+def set_at_field(**values: float) -> Rows:
+    """An AIR sample of the field's QNH."""
+    return air(
+        1_000_000, qnh_pa=qnh_pa(warm_pressure_pa(geopotential_m(FIELD_M)), FIELD_M), **values
+    )
+
+
+@pytest.mark.parametrize(
+    ("air_k", "error_m"), [(math.nan, -49.6), (T0_K + WARMER_K + L0_KPM * FIELD_M, 0.0)]
+)
+def test_the_temperature_of_the_field_scales_the_column(air_k: float, error_m: float) -> None:
+    """15 K warmer than standard: 1000 m of air are 950 m of the standard's."""
+    record = np.zeros(1, SETTING).view(np.recarray)[0]
+    setting_start(record)
+    note_air(record, set_at_field(air_temperature_k=air_k), False)
+    note_level(record, pressure_altitude_m(warm_pressure_pa(geopotential_m(FIELD_M))))
+    assert record.field_m == pytest.approx(FIELD_M, abs=1e-6)
+    top_m = FIELD_M + ABOVE_M
+    level_m = pressure_altitude_m(warm_pressure_pa(geopotential_m(top_m)))
+    indicated = indicated_m(record, level_m)
+    assert indicated - top_m == pytest.approx(error_m, abs=0.5)
+    assert abs(indicated - top_m) < 2.0 * indicated_sd_m(record, indicated, 1_000_000)
+
+
+def test_a_temperature_whose_height_is_unknown_is_not_used() -> None:
+    """In flight and without the elevation of the field."""
+    record = np.zeros(1, SETTING).view(np.recarray)[0]
+    setting_start(record)
+    note_air(record, set_at_field(air_temperature_k=303.0), True)
+    assert math.isnan(record.air_k)
+    note_air(record, set_at_field(air_temperature_k=303.0, field_elevation_m=FIELD_M), True)
+    assert record.air_k == 303.0
+
+
+def test_adaptive_fusion_takes_p0_and_t0_of_31_live() -> None:
+    """h^B is T_0/T_grad (1 - (p/p_0)^(T_grad R/g)) with what is set; a change in flight moves h^B
+    and the held residual by the same amount; the altitude stays between barometer and GNSS."""
+    running = Filter(ESTIMATORS["adaptive-fusion"])
+    top_m = FIELD_M + ABOVE_M
+    warm_k = T0_K + WARMER_K + L0_KPM * FIELD_M
+
+    def pressure(at_s: float, height_m: float) -> None:
+        value = warm_pressure_pa(geopotential_m(height_m))
+        running.step(Kind.PRESSURE, sample(Kind.PRESSURE, round(at_s * 1e6), pressure_pa=value))
+
+    running.step(Kind.AIR, set_at_field(air_temperature_k=warm_k))
+    pressure(1.0, FIELD_M)
+    pressure(2.0, top_m)
+    state = running.state[0]
+    assert state["baro_m"] == pytest.approx(top_m, abs=0.5)
+    fix = sample(Kind.GNSS, 2_000_000, altitude_amsl_m=top_m + 8.0, fix_type=3, vertical_sd_m=9.0)
+    running.step(Kind.GNSS, fix)
+    assert state["delta_m"] == pytest.approx(8.0, abs=0.5)
+    assert running.estimate[0]["altitude_amsl_m"] == pytest.approx(top_m + 4.0, abs=0.5)
+    before_m = float(state["baro_m"])
+    running.step(
+        Kind.AIR, air(2_100_000, qnh_pa=101_000.0, field_elevation_m=0.0, air_temperature_k=303.15)
+    )
+    moved_m = float(state["baro_m"]) - before_m
+    assert moved_m == pytest.approx(0.0, abs=1.0), "the same column, told at sea level"
+    assert state["delta_m"] == pytest.approx(8.0 - moved_m, abs=0.5)
+
+
+def test_air_data_gnss_takes_the_field_as_h0_live() -> None:
+    """The scale factor counts from the field once that is told, and the known error stays the same
+    function of height."""
+    running = Filter(ESTIMATORS["air-data-gnss"])
+    level_pa = warm_pressure_pa(geopotential_m(FIELD_M))
+
+    def pressure(at_s: float) -> None:
+        row = sample(Kind.PRESSURE, round(at_s * 1e6), pressure_pa=level_pa)
+        running.step(Kind.PRESSURE, row)
+
+    for at_s in (1.0, 1.2):
+        pressure(at_s)
+    error = running.state[0]["error"]
+    assert (error["H_0"], error["T_0"]) == (0.0, T0_K)
+    running.step(Kind.AIR, air(1_300_000, field_elevation_m=FIELD_M, air_temperature_k=300.0))
+    pressure(1.4)
+    assert error["H_0"] == FIELD_M
+    assert error["T_0"] == pytest.approx(T0_K + L0_KPM * FIELD_M)
+    assert running.estimate[0]["altitude_amsl_m"] == pytest.approx(FIELD_M, abs=2.0)
+
+
+def test_another_reference_height_is_the_same_error() -> None:
+    error = np.zeros(1, ERROR).view(np.recarray)[0]
+    params = AirDataGnssSettings().params()
+    error_start(error, params)
+    error.x[0], error.x[1] = -0.03, 12.0
+    error.P[0, 1] = error.P[1, 0] = 0.4
+    heights = np.array([0.0, 500.0, 3000.0])
+    rows = np.stack([heights, np.ones(3)], axis=1)
+    before, spread_before = rows @ error.x, np.einsum("ij,jk,ik->i", rows, error.P, rows)
+    refer_to(error, params, 500.0)
+    rows[:, 0] -= 500.0
+    np.testing.assert_allclose(rows @ error.x, before)
+    np.testing.assert_allclose(np.einsum("ij,jk,ik->i", rows, error.P, rows), spread_before)
+
+
+@pytest.mark.parametrize("name", ["damping-loop", "baro-ins-kf"])
+def test_the_baro_inertial_filters_take_the_air_temperature_of_the_start(name: str) -> None:
+    """s of (2) from an AIR sample before the start; later ones are IGNORED."""
+    running = Filter(ESTIMATORS[name])
+    field_k = T0_K + WARMER_K + L0_KPM * FIELD_M
+    field_pa = warm_pressure_pa(geopotential_m(FIELD_M))
+    assert running.step(Kind.AIR, air(900_000, air_temperature_k=field_k)) is Verdict.USED
+    running.step(Kind.AIR, set_at_field())
+    running.step(Kind.PRESSURE, sample(Kind.PRESSURE, 1_000_000, pressure_pa=field_pa))
+    level_m = pressure_altitude_m(field_pa)
+    inputs = running.state[0]["inputs"]
+    assert inputs["scale"] == pytest.approx(field_k / (T0_K + L0_KPM * level_m) - 1.0)
+    assert running.step(Kind.AIR, air(1_100_000, air_temperature_k=250.0)) is Verdict.IGNORED
+    assert inputs["start_air_k"] == field_k

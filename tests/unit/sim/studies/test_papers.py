@@ -10,10 +10,23 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from companion.plots.style import FUSED
 from sim.cli import app
-from sim.studies.page import FUSED, SEED_ROOT, Spread, generators, spread
+from sim.studies.page import SEED_ROOT, Figure, Spread, generators, spread
 from sim.studies.papers import PAPERS, Paper
-from sim.studies.papers.page import Match, Page, Row, at_most, below, both, compare, holds, summary
+from sim.studies.papers.luck import draw_again
+from sim.studies.papers.page import (
+    Check,
+    Match,
+    Page,
+    Row,
+    at_most,
+    below,
+    both,
+    compare,
+    holds,
+    summary,
+)
 from tests.paths import ROOT
 
 PAGES = ROOT / "docs" / "papers"
@@ -98,15 +111,82 @@ class TestPage:
             page.markdown()
 
 
-def test_same_seeds_same_bytes(tmp_path: Path) -> None:
-    for run in ("one", "two"):
-        PAPERS["H"].reproduce(3, tmp_path / run, quiet).write()
-    names = sorted(path.name for path in (tmp_path / "one").iterdir())
-    assert len(names) == 5
-    for name in names:
-        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes(), (
-            name
-        )
+DRAWN = "HK"
+"""pages whose figures are compared as well"""
+
+
+@pytest.mark.parametrize(
+    "key", [key if key in "HCR" else pytest.param(key, marks=pytest.mark.slow) for key in PAPERS]
+)
+def test_a_page_rebuilds_byte_for_byte_and_no_verdict_is_a_constant(
+    key: str, tmp_path: Path
+) -> None:
+    """Text and figures of a second run are those of the first; a row with a wrong number fails."""
+    folders = tmp_path / "one", tmp_path / "two"
+    one, two = (
+        PAPERS[key].reproduce(2, folder if key in DRAWN else None, quiet) for folder in folders
+    )
+    assert one.markdown() == two.markdown()
+    figures = [part.file for part in one.blocks if isinstance(part, Figure)]
+    assert len(figures) > 2
+    if key in DRAWN:
+        for name in figures:
+            assert (folders[0] / name).read_bytes() == (folders[1] / name).read_bytes(), name
+    checked = [row for row in one.rows if row.check is not None]
+    assert len(checked) > 12
+    for row in checked:
+        assert_fails_with_a_wrong_number(row)
+    for row in one.rows:
+        assert row.check is not None or row.verdict is Match.NOT_COMPARABLE, row.claim
+
+
+def assert_fails_with_a_wrong_number(row: Row) -> None:
+    """NaN in the place of any number of the check, and a number that is far off in some place."""
+    assert row.check is not None
+    places = range(len(row.check.numbers))
+    for place in places:
+        fed = replace(row, check=row.check.fed(math.nan, place))
+        assert fed.verdict is Match.DOES_NOT, f"{row.claim}: number {place}"
+    far = [
+        replace(row, check=row.check.fed(sign * 1e12, place)).verdict
+        for place in places
+        for sign in (-1, 1)
+    ]
+    assert Match.DOES_NOT in far, row.claim
+
+
+def test_the_walk_finds_a_constant_verdict() -> None:
+    """A check that ignores a number, and one that cannot fail, are found."""
+    for check in (Check(lambda a, b: a < 1.0, (0.0, 5.0)), Check(lambda a: True, (0.0,))):
+        with pytest.raises(AssertionError):
+            assert_fails_with_a_wrong_number(holds("x", check, 0.0))
+
+
+class TestLuck:
+    def test_the_page_says_which_verdicts_other_roots_change(self, tmp_path: Path) -> None:
+        page, other = Page("H", 5, tmp_path), Page("H", 5, None)
+        other.root = 7
+        for each, second in ((page, 2.0), (other, 3.0)):
+            each.table("A", [compare("first", 1.0, 1.0, 0.1), compare("second", 2.0, second, 0.1)])
+        page.others = [other]
+        text = page.markdown()
+        assert page.lucky == ["second (A): reproduces, **does not** with root 7"]
+        assert "--check-root 7 --seeds 5 --out docs/papers" in text
+        assert "With the seed roots 7, which draw other random numbers, these verdicts" in text
+        other.blocks = page.blocks
+        assert "every verdict is the same" in page.markdown()
+
+    def test_draws_other_numbers_and_writes_nothing(self, tmp_path: Path) -> None:
+        page = PAPERS["H"].reproduce(2, tmp_path, quiet)
+        files = set(tmp_path.iterdir())
+        draw_again(PAPERS["H"], page, [1], quiet)
+        assert (SEED_ROOT.get(), set(tmp_path.iterdir())) == (0, files)
+        assert [other.root for other in page.others] == [1]
+        assert [str(row.ours) for row in page.others[0].rows] != [
+            str(row.ours) for row in page.rows
+        ]
+        with pytest.raises(ValueError, match="is that of the page itself"):
+            draw_again(PAPERS["H"], page, [0], quiet)
 
 
 def test_another_root_draws_other_numbers() -> None:
@@ -119,23 +199,9 @@ def test_another_root_draws_other_numbers() -> None:
     assert generators("H", 1)[0].random() == usual
 
 
-@pytest.mark.parametrize("key", ["H", "W"])
-def test_every_verdict_fails_with_a_wrong_number(key: str, tmp_path: Path) -> None:
-    """Rows are fed NaN, and a number that is far away: no verdict is a constant. The pages C, R and
-    K are walked by tests/oracles and the command's own run (they take longer)."""
-    checked = 0
-    for row in PAPERS[key].reproduce(2, tmp_path, quiet).rows:
-        if row.check is None:
-            assert row.verdict is Match.NOT_COMPARABLE
-            continue
-        checked += 1
-        assert replace(row, check=row.check.fed(math.nan)).verdict is Match.DOES_NOT, row.claim
-    assert checked > 15
-
-
 def test_only_the_page_knows_verdicts() -> None:
     """A paper's module gives numbers; `Row.verdict` is what follows from them."""
-    for path in (ROOT / "sim" / "studies" / "papers").glob("*.py"):
+    for path in (ROOT / "sim" / "studies" / "papers").rglob("*.py"):
         if path.name != "page.py":
             assert "Match." not in path.read_text(encoding="utf-8"), path.name
 
@@ -145,6 +211,12 @@ class TestCommand:
         result = CliRunner().invoke(app, ["reproduce", "h", "--seeds", "2", "--out", str(tmp_path)])
         assert result.exit_code == 0, result.output
         assert result.stdout.startswith(f"H  {tmp_path / 'adaptive-fusion.md'}  2 seeds: ")
+
+    def test_a_root_that_would_repeat_the_page_is_wrong_usage(self, tmp_path: Path) -> None:
+        arguments = ["reproduce", "H", "--check-root", "0", "--out", str(tmp_path)]
+        result = CliRunner().invoke(app, arguments)
+        assert result.exit_code == 2
+        assert "--check-root 0 is the page's own seed root" in result.stderr
 
     def test_an_unknown_key_is_wrong_usage(self, tmp_path: Path) -> None:
         result = CliRunner().invoke(app, ["reproduce", "Z", "--out", str(tmp_path)])
@@ -156,7 +228,8 @@ class TestCommand:
 @pytest.mark.parametrize("paper", PAPERS.values(), ids=PAPERS)
 def test_the_page_in_the_repository_is_whole_and_small(paper: Paper) -> None:
     text = (PAGES / f"{paper.slug}.md").read_text(encoding="utf-8")
-    assert f"--seeds {paper.seeds} --out docs/papers" in text
+    roots = "--check-root 1 --check-root 2"
+    assert f"reproduce {paper.key} {roots} --seeds {paper.seeds} --out docs/papers" in text
     figures = re.findall(r"\]\(([^)]+\.png)\)", text)
     assert figures
     assert {PAGES / figure for figure in figures} == set(PAGES.glob(f"{paper.slug}-*.png"))

@@ -1,0 +1,192 @@
+"""The flight report: one file that needs no network, drawn by a real browser."""
+
+import json
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from companion.errors import ConfigError
+from companion.replay.reports import check, write_reports
+from companion.replay.run import Replayed, replay
+from companion.samples import Kind
+from tests import flights, logfiles
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+SMALL: dict[str, Any] = {
+    "duration_s": 120.0,
+    "imu_hz": 4.0,
+    "pressure_hz": 5.0,
+    "gnss_hz": 2.0,
+    "attitude_hz": 4.0,
+}
+
+
+@pytest.fixture(scope="module")
+def replayed(short_hop: Path) -> Replayed:
+    return replay(short_hop)
+
+
+@pytest.fixture(scope="module")
+def page(replayed: Replayed, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("report") / "short-hop.html"
+    assert write_reports(replayed, path, "short-hop.tlog") == [path]
+    return path
+
+
+def test_the_page_is_one_small_file_with_the_verdict_first(page: Path, replayed: Replayed) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert len(text) < 1_500_000
+    assert not re.search(r"""(src|href)=["']?(https?:)?//""", text)
+    assert "url(http" not in text
+    body = text[text.index("<body>") :]
+    findings = replayed.report["sessions"][0]["findings"]
+    first = findings[0]["text"].split(" (95")[0].split(" m")[0]
+    assert body.index(first) < body.index('id="panels"') < body.index("<table>")
+
+
+def test_the_page_holds_every_sample(page: Path, replayed: Replayed) -> None:
+    from companion.plots.packing import unpack
+
+    text = page.read_text(encoding="utf-8")
+    match = re.search(r'<script type="application/json" id="flight">(.*?)</script>', text)
+    assert match is not None
+    flight = json.loads(match[1])
+    tables = unpack(flight["packed"])
+    assert tables["estimate"]["t"].size == replayed.sessions[0].seen.ticks().size
+    errors = tables["estimate"]["difference_m"]
+    late = tables["estimate"]["t"] > 60.0
+    rmse_m = float(np.sqrt(np.nanmean(errors[late] ** 2)))
+    told = replayed.report["sessions"][0]["sources"]["estimate"]["rmse_m"]
+    assert rmse_m == pytest.approx(told, abs=0.02)
+    assert {"flight mode", "armed", "health", "barometer", "GNSS"} <= set(flight["spans"])
+    names = [panel["name"] for panel in flight["panels"]]
+    assert names[:2] == ["altitude", "difference"]
+    assert {"qnh", "offsets", "weather", "accuracy", "fix", "innovation", "rates", "link"} <= set(
+        names
+    )
+
+
+def test_a_name_with_markup_stays_text(replayed: Replayed, tmp_path: Path) -> None:
+    path = tmp_path / "x.html"
+    write_reports(replayed, path, "<script>alert(1)</script>.tlog")
+    assert "<script>alert" not in path.read_text(encoding="utf-8")
+
+
+def test_the_panels_as_a_picture(tmp_path: Path) -> None:
+    from PIL import Image
+
+    log, _ = logfiles.write("bin", tmp_path, **SMALL)
+    path = tmp_path / "flight.png"
+    assert write_reports(replay(log), path, "flight") == [path]
+    with Image.open(path) as image:
+        assert image.size[0] == 1600
+        assert image.size[1] > 3000
+
+
+def test_several_sessions_have_an_index(tmp_path: Path) -> None:
+    log = tmp_path / "two.tlog"
+    first, second = (flights.flight(seed=seed, **SMALL) for seed in (1, 2))
+    logfiles.write_tlog(log, first)
+    more = tmp_path / "more.tlog"
+    logfiles.write_tlog(more, second)
+    log.write_bytes(log.read_bytes() + more.read_bytes())
+    found = replay(log)
+    assert len(found.sessions) == 2
+    index, *pages = write_reports(found, tmp_path / "out.html", "two.tlog")
+    assert [each.name for each in pages] == ["out-1.html", "out-2.html"]
+    links = re.findall(r'<a href="([^"]+)"', index.read_text(encoding="utf-8"))
+    assert sorted(links) == ["out-1.html", "out-2.html"]
+
+
+def test_a_gnss_jump_is_told_with_its_size_and_time(tmp_path: Path) -> None:
+    """40 m from 100 s on: whether the estimator excludes it or not, the page says so."""
+    made = flights.flight(**(SMALL | {"duration_s": 200.0}))
+    made.change(Kind.GNSS, "altitude_amsl_m", lambda height: height + 40.0, 100.0, 160.0)
+    log = tmp_path / "jump.tlog"
+    logfiles.write_tlog(log, made)
+    text = replay(log).report["sessions"][0]["verdict"]
+    assert re.search(
+        r"GNSS (jumped|and barometer parted by|moved away by up to) \+(3[5-9]|4[0-5]) m", text
+    )
+
+
+def test_a_wrong_name_is_refused_before_the_replay() -> None:
+    with pytest.raises(ConfigError, match=r"must end with \.html or \.png"):
+        check(Path("report.pdf"))
+
+
+# In a browser
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    sync_api = pytest.importorskip("playwright.sync_api")
+    if CHROMIUM is None:
+        pytest.skip("chromium is not installed (Debian: apt install chromium)")
+    with sync_api.sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield started
+        started.close()
+
+
+@pytest.mark.slow
+def test_a_browser_draws_it_without_network(browser: Any, page: Path) -> None:
+    told: list[str] = []
+    asked: list[str] = []
+    tab = browser.new_page(viewport={"width": 1280, "height": 900})
+    tab.on("console", lambda message: told.append(message.text))
+    tab.on("pageerror", lambda error: told.append(str(error)))
+    tab.on("request", lambda request: asked.append(request.url))
+    tab.goto(page.as_uri())
+    tab.wait_for_selector("body[data-ready]")
+    assert told == []
+    assert asked == [page.as_uri()]
+    coloured = tab.evaluate(
+        """() => flightView.charts.map(chart => {
+          const {width, height} = chart.ctx.canvas;
+          const pixels = chart.ctx.getImageData(0, 0, width, height).data;
+          let count = 0;
+          for (let i = 0; i < pixels.length; i += 4)
+            if (pixels[i + 3] > 0 && Math.max(pixels[i], pixels[i + 1], pixels[i + 2])
+                - Math.min(pixels[i], pixels[i + 1], pixels[i + 2]) > 40) count++;
+          return count;
+        })"""
+    )
+    assert len(coloured) >= 12
+    assert min(coloured) > 200  # every panel has a curve
+    _zooms_together(tab)
+    tab.close()
+
+
+def _zooms_together(tab: Any) -> None:
+    chart = tab.locator("#panel-altitude .u-over")
+    box = chart.bounding_box()
+    tab.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 50)
+    tab.mouse.down()
+    tab.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 50, steps=5)
+    tab.mouse.up()
+    spans = tab.evaluate("flightView.charts.map(c => [c.scales.x.min, c.scales.x.max])")
+    whole_s = tab.evaluate("JSON.parse(document.getElementById('flight').textContent).duration_s")
+    assert spans[0][1] - spans[0][0] == pytest.approx(0.25 * whole_s, rel=0.02)
+    assert all(span == pytest.approx(spans[0], abs=1e-6) for span in spans)
+    tab.mouse.move(box["x"] + 0.7 * box["width"], box["y"] + 80)
+    value = tab.locator("#panel-altitude .legend button", has_text="Kollsman").last
+    assert re.search(r"\d+\.\d", value.inner_text())
+    tab.click("button[data-do=whole]")
+    spans = tab.evaluate("flightView.charts.map(c => c.scales.x.max - c.scales.x.min)")
+    assert spans == pytest.approx([whole_s] * len(spans))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [320, 390])
+def test_a_phone_needs_no_horizontal_scroll(browser: Any, page: Path, width: int) -> None:
+    tab = browser.new_page(viewport={"width": width, "height": 700}, device_scale_factor=2)
+    tab.goto(page.as_uri())
+    tab.wait_for_selector("body[data-ready]")
+    assert tab.evaluate("document.documentElement.scrollWidth") <= width
+    tab.close()

@@ -1,0 +1,126 @@
+"""Each sentence of the verdict follows from the figures: who was wrong, when, and what to do."""
+
+import math
+from typing import Any
+
+import pytest
+
+from companion.replay.verdict import verdict
+
+
+def summary(**changes: Any) -> dict[str, Any]:
+    """A session in which nothing was wrong."""
+    found: dict[str, Any] = {
+        "autopilot": "ArduPilot",
+        "duration_s": 2400.0,
+        "notes": [],
+        "health": {"at_end": "OK", "reason": "", "share": {"OK": 1.0, "LOST": 0.0}},
+        "altitude": {"estimates": 1000, "median_sd_m": 1.05},
+        "exclusions": [],
+        "suspicions": [],
+        "parting": {},
+        "gnss": {"fixes": 1000, "share_3d": 1.0, "wander_m": 1.0, "median_sd_m": 2.0},
+        "barometer": {"drift_m": 1.0, "range_m": 2.0},
+        "own_altitude": {"above_m": 0.4, "above_sd_m": 0.1, "span_s": 60.0, "follows": "barometer"},
+        "reference": {"kind": "smoother", "sd_m": 0.8},
+        "sources": {},
+    }
+    return found | changes
+
+
+def own(above_m: float, follows: str | None = "barometer") -> dict[str, Any]:
+    return {"above_m": above_m, "above_sd_m": 0.1, "span_s": 60.0, "follows": follows}
+
+
+def excluded(**changes: Any) -> dict[str, Any]:
+    span = {
+        "sensor": "gnss",
+        "from_s": 790.0,
+        "from_utc": "2026-11-28T12:03:10.200+00:00",
+        "duration_s": 80.0,
+        "off_m": 31.0,
+        "step_m": 29.6,
+    }
+    return span | changes
+
+
+def test_a_good_flight_needs_two_sentences() -> None:
+    found = verdict(summary())
+    assert found["verdict"] == (
+        "Altitude is known within 2.1 m (95 %). At the end the autopilot's altitude was 0.4 m "
+        "above Kollsman's, which is within what is known: nothing to change."
+    )
+    assert [each["level"] for each in found["findings"]] == ["good", "good"]
+
+
+def test_a_drift_is_told_with_its_time() -> None:
+    found = verdict(summary(barometer={"drift_m": 14.2, "range_m": 14.6}))
+    assert "The barometer drifted +14 m in 40 minutes." in found["verdict"]
+    there_and_back = verdict(summary(barometer={"drift_m": -2.0, "range_m": 38.0}))
+    assert "moved through 38 m in 40 minutes and ended -2 m" in there_and_back["verdict"]
+
+
+def test_an_excluded_jump_has_its_time_and_duration() -> None:
+    found = verdict(summary(exclusions=[excluded()]))
+    assert "GNSS jumped +30 m at 12:03:10 UTC and was excluded for 80 s." in found["verdict"]
+
+
+def test_a_slow_fault_is_no_jump() -> None:
+    found = verdict(summary(exclusions=[excluded(step_m=2.0, off_m=-95.0, from_utc=None)]))
+    text = "GNSS moved away by up to -95 m 790 s after the start and was excluded for 80 s."
+    assert text in found["verdict"]
+
+
+def test_an_exclusion_of_unknown_size_is_told_without_one() -> None:
+    found = verdict(summary(exclusions=[excluded(sensor="imu", off_m=math.nan, step_m=math.nan)]))
+    assert "The IMU was excluded for 80 s, at 12:03:10 UTC." in found["verdict"]
+
+
+def test_many_exclusions_are_one_sentence() -> None:
+    found = verdict(summary(exclusions=[excluded(duration_s=10.0)] * 6))
+    assert "GNSS was excluded 6 times for 60 s in all, first at 12:03:10 UTC." in found["verdict"]
+
+
+def test_sensors_that_part_without_an_exclusion() -> None:
+    parted = {
+        "off_m": 112.0,
+        "from_s": 520.0,
+        "to_s": 740.0,
+        "from_utc": "2026-01-01T00:08:40+00:00",
+        "to_utc": "2026-01-01T00:12:20+00:00",
+        "sensor": None,
+    }
+    assert "one of them was wrong" in verdict(summary(parting=parted))["verdict"]
+    assert "GNSS was wrong" in verdict(summary(parting=parted | {"sensor": "gnss"}))["verdict"]
+    told = verdict(summary(parting=parted, exclusions=[excluded(from_s=600.0)]))
+    assert "parted" not in told["verdict"]  # the exclusion tells it
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "follows", "above_m", "text"),
+    [
+        ("ArduPilot", "barometer", 14.2, "Change BARO_ALT_OFFSET by -14.2 m for this flight"),
+        (
+            "ArduPilot",
+            None,
+            -6.0,
+            "If its height is the barometer's: change BARO_ALT_OFFSET by +6.0",
+        ),
+        ("PX4", "barometer", 10.0, "Change SENS_BARO_QNH by -1.2 hPa"),  # 8.4 m are 1 hPa
+        ("ArduPilot", "gnss", 14.2, "a barometer parameter changes nothing"),
+    ],
+)
+def test_what_to_change(autopilot: str, follows: str | None, above_m: float, text: str) -> None:
+    found = verdict(summary(autopilot=autopilot, own_altitude=own(above_m, follows)))
+    assert text in found["verdict"]
+
+
+def test_no_advice_from_too_little() -> None:
+    short = verdict(summary(duration_s=30.0))
+    assert "the estimate had no time to settle" in short["verdict"]
+    assert "Not enough data to say whether the autopilot needs a change." in short["verdict"]
+    health = {"at_end": "LOST", "reason": "no usable height for 5 s", "share": {"LOST": 0.8}}
+    lost = verdict(summary(health=health))
+    assert "The altitude was lost for 80% of the session: no usable height" in lost["verdict"]
+    assert "no advice" in lost["verdict"]
+    assert "no altitude of its own" in verdict(summary(own_altitude={}))["verdict"]

@@ -8,7 +8,7 @@ BIN    := $(VENV)/bin
 RETRY  := --reruns 2
 PIP    := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 
-.PHONY: help demo test test-slow lint bench config-page clean
+.PHONY: lock help demo test test-slow lint bench config-page clean
 
 help:            ## what can be made
 	@awk -F':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -34,6 +34,13 @@ config-page: $(VENV)/.sim ## write config/README.md and config/scenarios/README.
 	  'You need no configuration file. Every key is optional; an unknown key, a wrong type or a value out of range is' > config/README.md
 	@printf '%s\n\n' 'refused with one line. `kollsman check FILE` validates a file. Written by `make config-page`, not by hand.' >> config/README.md
 	@$(BIN)/kollsman check --keys >> config/README.md
+
+LOCK   := uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate --no-emit-index-url
+lock:            ## write the pinned versions and hashes of the images anew (docker/*.lock; needs uv)
+	$(LOCK) --upgrade pyproject.toml -o docker/companion.lock
+	$(LOCK) --upgrade --extra sim --no-emit-package jsbsim -c docker/companion.lock pyproject.toml -o docker/sim.lock
+	echo 'jsbsim>=1.2.3' | $(LOCK) --upgrade --no-deps - -o docker/jsbsim.lock
+	echo 'hatchling>=1.25' | $(LOCK) --upgrade - -o docker/build.lock
 
 bench: $(VENV)/.dev     ## latency, load, memory, start-up, simulator speed: ratios within one run
 	$(BIN)/python -m tests.bench

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from companion import batch_cli, live_cli, log_cli
+from companion import batch_cli, doctor_cli, live_cli, log_cli
 from companion.common_cli import (
     Commands,
     ConfigOption,
@@ -73,7 +73,7 @@ def _options(
 
 
 app.command(epilog=live_cli.RUN_EXAMPLES)(live_cli.run)
-app.command(epilog=live_cli.DOCTOR_EXAMPLES)(live_cli.doctor)
+app.command(epilog=doctor_cli.DOCTOR_EXAMPLES)(doctor_cli.doctor)
 
 
 app.command(epilog=log_cli.REPLAY_EXAMPLES)(log_cli.replay)

@@ -33,6 +33,12 @@ VerboseOption = Annotated[
 ]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Show only warnings and errors.")]
 
+LinkArgument = Annotated[
+    str,
+    typer.Argument(
+        help="Where the autopilot is; `kollsman links` lists the forms.", envvar="KOLLSMAN_LINK"
+    ),
+]
 EstimatorOption = Annotated[
     str | None,
     typer.Option(help="Estimator; replaces the one of the configuration.", metavar="NAME"),

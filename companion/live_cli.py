@@ -1,19 +1,19 @@
 """The command ``kollsman run``. What it prints goes through `output`, which never blocks or
 raises."""
 
-import json
 import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from functools import partial
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from companion.common_cli import (
     ConfigOption,
     EstimatorOption,
+    LinkArgument,
     SetOption,
     compile_for,
     is_quiet,
@@ -23,6 +23,8 @@ from companion.output import Output, use_json
 from companion.status_lines import Reporter, reporter
 
 if TYPE_CHECKING:
+    from companion.clock import Clock
+    from companion.interim import Interim
     from companion.links import Link
     from companion.service import Service
     from companion.settings import CompanionSettings
@@ -39,21 +41,9 @@ Examples:
   With a page for a browser:                kollsman run udpin:0.0.0.0:14550 --http 8080
 """
 
-DOCTOR_EXAMPLES = """\b
-Examples:
-  kollsman doctor /dev/ttyAMA0:57600
-  kollsman doctor udpin:0.0.0.0:14550 --seconds 30
-"""
-
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
-LinkArgument = Annotated[
-    str,
-    typer.Argument(
-        help="Where the autopilot is; `kollsman links` lists the forms.", envvar="KOLLSMAN_LINK"
-    ),
-]
 MoreOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -109,37 +99,80 @@ def run(
     started_s = time.perf_counter()
     if as_json:
         use_json()
+    ids = {"system_id": system_id, "component_id": component_id}
+    given = [f"identity.{key}={value}" for key, value in ids.items() if value is not None]
+    changes = [*(changes or []), *given]
+
+    def resolve() -> "CompanionSettings":
+        return _with_options(resolve_settings(config, estimator, changes), record, http)
+
+    from companion.interim import begin
+
+    early = partial(begin, config=config, changes=changes)
     telling = reporter(Output(), as_json=as_json, is_quiet=is_quiet())
     with closing(telling):
-        settings = resolve_settings(config, estimator, changes)
-        settings = _with_options(settings, record, http, system_id, component_id)
-        _serve([link, *(more or [])], settings, telling, started_s)
+        _serve([link, *(more or [])], early, resolve, telling, started_s)
 
 
 def _serve(
-    urls: list[str], settings: "CompanionSettings", telling: Reporter, started_s: float
+    urls: list[str],
+    early: "Callable[[Link, Clock], Interim | None]",
+    resolve: "Callable[[], CompanionSettings]",
+    telling: Reporter,
+    started_s: float,
 ) -> None:
-    """Open the links and serve the vehicle on them until a stop signal."""
-    from companion.checkpoint import Checkpoint, fingerprint
+    """Open the links and serve the vehicle on them until a stop signal.
+
+    Parameters
+    ----------
+    early : begins to send on the autopilot's own height; None where the settings are wrong.
+    resolve : the settings, which takes long: the estimators are imported.
+    """
     from companion.clock import SystemClock
-    from companion.key_file import open_signing
     from companion.links import open_links
-    from companion.recording import Recording
-    from companion.restarts import serve
-    from companion.service import Service
 
     clock = SystemClock()
-    signing = open_signing(settings.signing)
     with ExitStack() as stack, _stop_signals() as stopped:
         opened = open_links(urls, clock)
         stack.callback(opened.close)
+        interim = early(opened, clock)
+        if interim is not None:
+            stack.callback(interim.stop)
+        settings = resolve()
+        assert interim is not None, "settings that are wrong raise"
+        _run(opened, interim, settings, clock, stopped, telling, started_s)
+
+
+def _run(
+    opened: "Link",
+    interim: "Interim",
+    settings: "CompanionSettings",
+    clock: "Clock",
+    stopped: list[int],
+    telling: Reporter,
+    started_s: float,
+) -> None:
+    """Serve the vehicle on the open link until a signal is in `stopped`."""
+    with ExitStack() as stack:
+        from companion.checkpoint import Checkpoint, fingerprint
+        from companion.recording import Recording
+        from companion.restarts import serve
+        from companion.service import Service
+
         path = settings.record.path
         recorder = stack.enter_context(Recording(path, settings.record)) if path else None
         page = _live_page(settings.http, stack, telling)
         compile_for(settings, [settings.estimator], telling.starting)
         keeper = Checkpoint(settings.checkpoint, [opened.url], fingerprint(settings))
         build = partial(
-            Service, opened, settings, clock, recorder=recorder, checkpoint=keeper, signing=signing
+            Service,
+            opened,
+            settings,
+            clock,
+            recorder=recorder,
+            checkpoint=keeper,
+            follows=interim.identity,
+            signing=interim.signing,
         )
         services: list[Service] = []
 
@@ -151,7 +184,7 @@ def _serve(
             telling.ready(service, time.perf_counter() - started_s)
             service.run(lambda: bool(stopped), telling.show, page(service) if page else None)
 
-        _drain(opened)
+        interim.stop()
         serve(make, run_one, clock)
         stack.close()
         paths = [str(path) for path in recorder.paths] if recorder is not None else []
@@ -179,23 +212,10 @@ def _live_page(
     return lambda service: Snapshots(service, board).poll
 
 
-def _drain(link: "Link") -> None:
-    """Discard what arrived while the code was compiled or loaded: it is old."""
-    end_s = time.monotonic() + 1.0
-    while link.receive(0.0) and time.monotonic() < end_s:
-        pass
-
-
 def _with_options(
-    settings: "CompanionSettings",
-    record: str | None,
-    http: str | None,
-    system_id: int | None,
-    component_id: int | None,
+    settings: "CompanionSettings", record: str | None, http: str | None
 ) -> "CompanionSettings":
-    ids = {"system_id": system_id, "component_id": component_id}
-    given = {key: value for key, value in ids.items() if value is not None}
-    changes = {"identity": settings.identity.model_dump() | given}
+    changes: dict[str, Any] = {}
     if record is not None:
         changes["record"] = settings.record.model_dump() | {"path": record}
     if http is not None:
@@ -227,51 +247,3 @@ def _stop_signals() -> Iterator[list[int]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-
-
-def doctor(
-    link: Annotated[
-        str,
-        typer.Argument(
-            help="Where the autopilot is; `kollsman links` lists the forms.",
-            envvar="KOLLSMAN_LINK",
-        ),
-    ],
-    *,
-    config: ConfigOption = None,
-    seconds: Annotated[
-        float, typer.Option(min=1, max=3600, help="Time to listen, s.", metavar="S")
-    ] = 15.0,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
-) -> None:
-    """Listen to a vehicle, and report what is heard, what is missing and which parameter to set.
-
-    Exit code 1 when something is wrong.
-    """
-    from companion.terminal import starting
-
-    with starting(Output(2)) as shown:
-        settings = resolve_settings(config, None)
-        compile_for(settings, [settings.estimator], shown)
-
-    from companion import doctor as examining
-    from companion.clock import SystemClock
-    from companion.links import open_link
-
-    clock, output = SystemClock(), Output()
-    opened = open_link(link, clock)
-    with ExitStack() as stack:
-        stack.callback(opened.close)
-        case, findings = examining.examine(opened, settings, clock, seconds)
-    if as_json:
-        listed = [
-            {"grade": each.grade.name.lower(), "what": each.what, "cure": each.cure}
-            for each in findings
-        ]
-        heard = [line.strip() for line in examining.report(case, [])]
-        output.line(json.dumps({"findings": listed, "heard": heard}, ensure_ascii=False))
-    else:
-        for line in examining.report(case, findings):
-            output.line(line)
-    if any(each.grade is examining.Grade.WRONG for each in findings):
-        raise typer.Exit(1)

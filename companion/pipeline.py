@@ -18,8 +18,10 @@ from companion.intake import Intake, SampleReject, restart_row
 from companion.known_air import AirSettings, KnownAir
 from companion.mavlink import convert
 from companion.mavlink.codec import Decoder, Encoder, Frame, Message, mavlink
+from companion.mavlink.commands import Commands
 from companion.mavlink.identity import Identity, Origin
-from companion.mavlink.outputs import Outputs, heartbeat
+from companion.mavlink.outputs import Outputs, heartbeat, intervals
+from companion.mavlink.own_heights import own_heights
 from companion.mavlink.parameters import Parameters
 from companion.mavlink.readings import ReadingSelector
 from companion.mavlink.requests import REQUESTS, Requests, asks_rate
@@ -89,10 +91,11 @@ class Pipeline:
         """the frames of the last packet"""
         self._listeners = dict(listeners or {})
         self._encoders: dict[tuple[int, int], Encoder] = {}
+        self.commands, self._host_us = Commands(intervals(settings.publish)), 0
         self.parameters = Parameters(
             settings, AirSettings, lambda key: getattr(self.air, key), self._set_air
         )
-        self._requests = Requests(self.parameters)
+        self._requests = Requests(self.parameters, self.commands)
         self._wanted = self.readings.message_ids | {SYSTEM_TIME, ALTITUDE, GLOBAL_POSITION_INT}
         self._wanted |= self._listeners.keys()
         if self.feedback.knob is not None:
@@ -188,7 +191,7 @@ class Pipeline:
 
     def age(self, host_us: int) -> list[bytes]:
         """Time passed on the host's clock: lose a height that is old, send texts that are due."""
-        identity = self.identity
+        self._host_us, identity = host_us, self.identity
         if self.health.age(host_us, lambda: ", ".join(identity.others(host_us - OTHERS_US))):
             self.announcements.health(self.health)
             vehicle, at_s = identity.vehicle or (0, 0), max(0, self.now_us) * 1e-6
@@ -229,6 +232,7 @@ class Pipeline:
 
     def _take(self, frames: list[Frame], arrival_us: int, source: Hashable) -> list[bytes]:
         self.frames = []
+        self._host_us = arrival_us
         sent: list[bytes] = []
         for frame in frames:
             sent += self._frame(frame, arrival_us, source)
@@ -293,7 +297,7 @@ class Pipeline:
             self._compare(True, (self.now_us, *convert.sim_state(message)))
         elif message_id == GLOBAL_POSITION_INT:
             self._compare(False, convert.global_position(message))
-            self.feedback.height(*convert.own_heights(message))
+            self.feedback.height(*own_heights(message))
             own_height = self.outputs.own_height(message, self.now_us, self.health.health)
             if own_height is None:
                 return []
@@ -301,10 +305,8 @@ class Pipeline:
             return self._encode([own_height])
         elif message_id == PARAM_VALUE:
             self.feedback.parameter(message)
-        sent: list[bytes] = []
-        for reading in self.readings.of(message, message_id, self.identity.autopilot):
-            sent += self._reading(reading, message_id, arrival_us)
-        return sent
+        readings = self.readings.of(message, message_id, self.identity.autopilot)
+        return [frame for each in readings for frame in self._reading(each, message_id, arrival_us)]
 
     def _compare(self, is_truth: bool, height: tuple[int, float, float]) -> None:
         if self._observer is not None and height[0] >= 0:
@@ -375,9 +377,8 @@ class Pipeline:
         if changed:
             self.announcements.health(self.health)
         messages += self.outputs.debug(now_us, health, estimate, self.filter.state)
-        identity = self.identity
-        if identity.vehicle is not None:
-            situation = Situation(health, estimate, identity.vehicle, identity.autopilot)
+        if (vehicle := self.identity.vehicle) is not None:
+            situation = Situation(health, estimate, vehicle, self.identity.autopilot)
             messages += self.feedback.step(now_us, situation)
         return self._encode(messages) if messages else []
 
@@ -392,11 +393,10 @@ class Pipeline:
     def _encode(self, messages: list[Message]) -> list[bytes]:
         if not self._sends:
             return []
-        own, version = self.identity.own, self.identity.version
-        if self.identity.vehicle is None:
-            version = 2  # an autopilot that can speak MAVLink 2 may wait for it
-        if own not in self._encoders:
-            self._encoders[own] = Encoder(*own, self.signing)
-        encoder = self._encoders[own]
-        frames = (encoder.encode(message, version) for message in messages)
+        self.commands.sent(messages, self._host_us)
+        own = self.identity.own
+        encoder = self._encoders.get(own)
+        if encoder is None:
+            encoder = self._encoders[own] = Encoder(*own, self.signing)
+        frames = (encoder.encode(message, self.identity.spoken) for message in messages)
         return [frame for frame in frames if frame]

@@ -5,32 +5,33 @@ the requests to the vehicle, the silence of the link, and the notice that nothin
 """
 
 import logging
+import math
 from collections import Counter, deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
 
 from companion.admission import Admission
+from companion.air_store import AirStore
 from companion.backlog import Backlog
 from companion.checkpoint import Checkpoint
 from companion.clock import Clock
 from companion.errors import LogFormatError
 from companion.feedback import start_feedback
-from companion.health import Health
 from companion.key_file import SigningStore
 from companion.links import Link
 from companion.links.routing import Router
 from companion.links.traffic import Traffic
 from companion.logs import LogWriter
 from companion.mavlink.codec import Frame, Message, decode, mavlink, scan
-from companion.mavlink.identity import Origin, autopilot_name
+from companion.mavlink.identity import Identity, Origin, autopilot_name
 from companion.notices import notice
 from companion.observer import Observer
 from companion.pipeline import Pipeline
 from companion.samples import Kind, Packet
 from companion.settings import CompanionSettings
+from companion.status import Status, Text
 from companion.streaming import Streaming
+from companion.timesync import TimeSync
 
 logger = logging.getLogger("kollsman.service")
 
@@ -57,38 +58,6 @@ OUTDATED = frozenset(
 """Not sent when they are made of old samples."""
 
 
-@dataclass(frozen=True)
-class Status:
-    """What the status line shows."""
-
-    health: Health
-    reason: str
-    vehicle: str
-    altitude_amsl_m: float
-    altitude_sd_m: float
-    protection_level_m: float
-    climb_mps: float
-    rates_hz: dict[str, float]
-    """rates of each sensor kind and of our ALTITUDE since the last status"""
-    link: str
-    traffic: dict[str, dict[str, dict[str, float]]]
-    """for each link and sender: frames, lost, jitter_s"""
-    rejected: dict[str, int]
-    """bad input by cause"""
-
-
-class Text(NamedTuple):
-    """A STATUSTEXT."""
-
-    time_us: int
-    """when it was heard or sent, host's clock"""
-    who: str
-    """vehicle or Kollsman"""
-    severity: int
-    """MAV_SEVERITY"""
-    text: str
-
-
 class Service:
     """Runs the companion on an open link until told to stop.
 
@@ -98,7 +67,8 @@ class Service:
     recorder : where to write every frame heard and sent.
     observer : sees the pipeline from inside.
     checkpoint : where the state is kept in case this process is killed.
-    earlier : a service on the same link that failed; its vehicle is followed at once.
+    follows : who was heard before; its vehicle is followed at once.
+    earlier : a service on the same link that failed: the checkpoint is not continued.
     signing : the key, and where its time stamps are kept; None: nothing is signed or verified.
     """
 
@@ -111,6 +81,7 @@ class Service:
         recorder: LogWriter | None = None,
         observer: Observer | None = None,
         checkpoint: Checkpoint | None = None,
+        follows: Identity | None = None,
         earlier: "Service | None" = None,
         signing: SigningStore | None = None,
     ) -> None:
@@ -136,9 +107,12 @@ class Service:
             signing=signing.signing if signing is not None else None,
         )
         self._signing = signing
-        if earlier is not None:
-            self.pipeline.identity.resume(earlier.pipeline.identity, clock.now_us())
+        follows = earlier.pipeline.identity if earlier is not None else follows
+        if follows is not None:
+            self.pipeline.identity.resume(follows, clock.now_us())
         self.pipeline.on_own_ids(self._own_ids_heard)
+        self.pipeline.commands.store = self._store_air
+        self._start(clock.now_us())
         self._checkpoint = checkpoint
         is_first = checkpoint is not None and earlier is None
         self._resumption = checkpoint.restore(self.pipeline) if checkpoint and is_first else None
@@ -147,10 +121,12 @@ class Service:
         self._recorder = recorder
         self._recent: deque[bytes] = deque(maxlen=256)
         self._foreign_heartbeats = 0
-        self._start(clock.now_us())
 
     def _start(self, start_us: int) -> None:
-        """Every instant of the host's clock is `start_us`."""
+        """What was kept is restored, and every instant of the host's clock is `start_us`."""
+        self.timesync = TimeSync()
+        self._air_store = AirStore([self.link.url])
+        self._air_store.restore(self.pipeline.air, self.settings.air)
         self._start_us = start_us
         self._traffic = Traffic()
         self._backlog = Backlog()
@@ -234,6 +210,8 @@ class Service:
             self.link.state.name.lower(),
             {url: traffic.as_dict() for url, traffic in self.traffic().items()},
             self.rejected(),
+            self.timesync.round_trip_s,
+            self.timesync.age_s(now_us, self.pipeline.now_us),
         )
 
     @property
@@ -263,6 +241,9 @@ class Service:
         if now_us >= self._heartbeat_due_us:
             self._heartbeat_due_us = now_us + HEARTBEAT_US
             self._send(self.pipeline.heartbeat(), now_us)
+        request = self.timesync.poll(now_us) if self.pipeline.identity.vehicle else None
+        if request is not None:
+            self._send(self.pipeline.encode(request), now_us)
         path = (self.link.statistics.reconnects, self.pipeline.identity.source)
         for message in self._streaming.poll(now_us, path):
             self._send(self.pipeline.encode(message), now_us)
@@ -334,11 +315,17 @@ class Service:
         )
 
     def _time_asked(self, message: Message) -> None:
-        """The vehicle compares its clock with ours."""
-        if message.tc1 == 0:  # a request, not an answer
-            now_us = self.clock.now_us()
+        """The vehicle compares its clock with ours, or answers our request."""
+        now_us = self.clock.now_us()
+        if message.tc1:
+            self.timesync.take(message, now_us)
+        else:
             answer = mavlink.MAVLink_timesync_message(now_us * 1000, message.ts1)
             self._send(self.pipeline.encode(answer), now_us)
+
+    def _store_air(self, keeps: bool) -> bool:
+        """A ground station wants what it set of the air kept for the next start, or forgotten."""
+        return self._air_store.keep(self.pipeline.air if keeps else None)
 
     def _acknowledged(self, message: Message) -> None:
         self._streaming.acknowledge(message, self.clock.now_us())
@@ -364,10 +351,12 @@ class Service:
         links = "".join(f"; {url}: {traffic}" for url, traffic in self.traffic().items())
         strangers = identity.counters[Origin.STRANGER]
         outdated = f", {self.outdated} outdated not sent" if self.outdated else ""
+        trip_s = self.timesync.round_trip_s
+        delay = f", round trip {1000 * trip_s:.0f} ms" if math.isfinite(trip_s) else ""
         return (
             f"{decoder.frames} frames heard ({identity.counters[Origin.VEHICLE]} of the vehicle, "
             f"{strangers} others), {self.sent_frames} sent ({self.published} ALTITUDE{outdated}), "
-            f"bad input: {self.rejected() or 'none'}{links}"
+            f"bad input: {self.rejected() or 'none'}{delay}{links}"
         )
 
 

@@ -15,34 +15,11 @@ from companion.feedback import FeedbackSettings
 from companion.health import HealthSettings
 from companion.intake import IntakeSettings
 from companion.known_air import AirSettings
-from companion.mavlink.identity import AUTOPILOT_COMPONENT_ID, OUR_COMPONENT_ID
-from companion.mavlink.outputs import PublishSettings
+from companion.mavlink.sections import IdentitySettings, PublishSettings, VehicleSettings
 from companion.mavlink.signing import SigningSettings
 from companion.mavlink.streams import StreamSettings
 from companion.recording import RecordSettings
 from companion.web.settings import HttpSettings
-
-
-class VehicleSettings(Settings):
-    """Section ``vehicle``."""
-
-    system_id: int | None = Field(None, ge=0, le=255)
-    """MAVLink system id of the vehicle to follow; default: the first autopilot heard"""
-    component_id: int = Field(AUTOPILOT_COMPONENT_ID, ge=0, le=255)
-    """MAVLink component id of the vehicle's autopilot"""
-
-
-class IdentitySettings(Settings):
-    """Section ``identity``: who we are on the link."""
-
-    system_id: int | None = Field(None, ge=1, le=255)
-    """our MAVLink system id; default: the vehicle's"""
-    component_id: int = Field(OUR_COMPONENT_ID, ge=1, le=255)
-    """our MAVLink component id"""
-    on_conflict: Literal["next", "warn"] = "next"
-    """what is done when another program on the link uses our ids: next takes the next free
-    component id of 191 to 194, warn keeps ours; both are reported in one line"""
-
 
 EstimatorSections: type[Settings] = create_model(
     "EstimatorSections",

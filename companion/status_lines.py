@@ -15,7 +15,8 @@ from companion.output import Output, timestamp
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from companion.service import Service, Status
+    from companion.service import Service
+    from companion.status import Status
     from companion.terminal import Starting
 
 PLAIN_PERIOD_S = 60.0

@@ -10,15 +10,15 @@ ENV PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=igno
 WORKDIR /src
 
 # pip and the build backend live in /tools, so that the venv which is shipped holds neither.
+COPY docker/*.lock ./
 RUN python3 -m venv /tools \
- && /tools/bin/pip install --quiet "hatchling>=1.25" \
+ && /tools/bin/pip install --quiet --require-hashes -r build.lock \
  && python3 -m venv --without-pip /opt/kollsman
 
-# Dependencies are a layer of their own: a change of the code does not download them again. Every base dependency
-# has wheels for both machines, so no compiler. What no one runs goes: their tests, and all dialects but the two in use.
-COPY pyproject.toml ./
-RUN /tools/bin/python -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["dependencies"], sep="\n")' > base.txt \
- && /tools/bin/pip --python /opt/kollsman/bin/python install --quiet --only-binary :all: -r base.txt \
+# Dependencies are a layer of their own: a change of the code does not download them again. Their versions and hashes
+# are in companion.lock (`make lock`). Every base dependency has wheels for both machines, so no compiler. What no one
+# runs goes: their tests, and all dialects but the two in use.
+RUN /tools/bin/pip --python /opt/kollsman/bin/python install --quiet --only-binary :all: --no-deps --require-hashes -r companion.lock \
  && cd /opt/kollsman/lib/python3.11/site-packages \
  && find . -type d -name tests -prune -exec rm -r {} + \
  && find pymavlink/dialects -type f ! -name '__init__*' ! -name 'ardupilotmega.*py*' ! -name 'common.*py*' -delete

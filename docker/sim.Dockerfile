@@ -9,27 +9,28 @@ FROM ${BASE} AS jsbsim
 ARG JSBSIM=auto
 ENV PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore
 RUN python3 -m venv /tools
+COPY docker/jsbsim.lock ./
 RUN if [ "$JSBSIM" = compile ] || [ "$(uname -m)" != x86_64 ]; then \
       apt-get update \
       && apt-get install -y --no-install-recommends g++ cmake make \
       && { [ -e "$(python3 -c 'import sysconfig; print(sysconfig.get_path("include"))')/Python.h" ] \
            || apt-get install -y --no-install-recommends python3-dev; } \
       && CMAKE_BUILD_PARALLEL_LEVEL="$(nproc)" \
-         /tools/bin/pip wheel --no-deps --no-binary jsbsim --wheel-dir /wheels "jsbsim>=1.2.3"; \
+         /tools/bin/pip wheel --no-deps --no-binary jsbsim --require-hashes --wheel-dir /wheels -r jsbsim.lock; \
     else \
-      /tools/bin/pip wheel --quiet --no-deps --only-binary jsbsim --wheel-dir /wheels "jsbsim>=1.2.3"; \
+      /tools/bin/pip wheel --quiet --no-deps --only-binary jsbsim --require-hashes --wheel-dir /wheels -r jsbsim.lock; \
     fi
 
 FROM ${BASE} AS build
 ENV PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore
 WORKDIR /src
+COPY docker/*.lock ./
 RUN python3 -m venv /tools \
- && /tools/bin/pip install --quiet "hatchling>=1.25" \
+ && /tools/bin/pip install --quiet --require-hashes -r build.lock \
  && python3 -m venv --without-pip /opt/kollsman
-COPY pyproject.toml ./
 COPY --from=jsbsim /wheels /wheels
-RUN /tools/bin/python -c 'import tomllib; p = tomllib.load(open("pyproject.toml", "rb"))["project"]; print(*p["dependencies"], *p["optional-dependencies"]["sim"], sep="\n")' > sim.txt \
- && /tools/bin/pip --python /opt/kollsman/bin/python install --quiet --only-binary :all: --find-links /wheels -r sim.txt \
+RUN /tools/bin/pip --python /opt/kollsman/bin/python install --quiet --only-binary :all: --no-deps --require-hashes -r sim.lock \
+ && /tools/bin/pip --python /opt/kollsman/bin/python install --quiet --no-deps /wheels/jsbsim-*.whl \
  && cd /opt/kollsman/lib/python3.11/site-packages \
  && find . -type d -name tests -prune -exec rm -r {} + \
  && find pymavlink/dialects -type f ! -name '__init__*' ! -name 'ardupilotmega.*py*' ! -name 'common.*py*' -delete

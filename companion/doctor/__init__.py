@@ -35,6 +35,7 @@ RULES: tuple[Callable[[Case], Finding | None], ...] = (
     connection.refusals,
     connection.version,
     connection.vehicle_clock,
+    connection.delay,
     connection.loss,
     connection.own_ids,
     connection.own_altitude,

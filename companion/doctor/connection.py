@@ -9,6 +9,7 @@ from companion.notices import signing_problem
 
 SYSTEM_TIME = mavlink.MAVLINK_MSG_ID_SYSTEM_TIME
 ALTITUDE = mavlink.MAVLINK_MSG_ID_ALTITUDE
+LATE_S = 0.5
 HOUR_US = 3_600_000_000
 
 
@@ -146,6 +147,21 @@ def vehicle_clock(case: Case) -> Finding | None:
             "let this computer take its time from the network or a clock module (timedatectl)",
         )
     return Finding(Grade.GOOD, "the clocks of vehicle and computer agree")
+
+
+def delay(case: Case) -> Finding | None:
+    if case.vehicle is None:
+        return None
+    timesync, clock = case.service.timesync, case.service.pipeline.intake.clock
+    age_s = timesync.age_s(case.host_us, clock.now_us)
+    if not timesync.answered or not age_s > LATE_S:
+        return None
+    return Finding(
+        Grade.NOTE,
+        f"telemetry is {age_s:.1f} s old on arrival (round trip {timesync.round_trip_s:.1f} s)",
+        "the link is full or buffers: lower the rates (streams.*), raise the baud rate, or take "
+        "another radio; ALTITUDE is late by as much",
+    )
 
 
 def loss(case: Case) -> Finding | None:

@@ -42,6 +42,8 @@ from companion.samples import MAX_INSTANCES, Record, Rows
 
 LOWEST_QNH_PA, HIGHEST_QNH_PA = 85_000.0, 110_000.0
 LOWEST_FIELD_M, HIGHEST_FIELD_M = -500.0, 9_000.0
+SEA_LEVEL_M = 0.0
+"""where a setting holds whose field is unknown"""
 SETTING_SD_PA = 60.0
 """Spread of a setting: METARs are whole hectopascals, rounded down, and the field is not the
 station; with the barometer's calibration of 50 Pa."""
@@ -142,13 +144,17 @@ def note_air(setting: Record, sample: Rows, in_flight: bool) -> bool:
     knows_field = LOWEST_FIELD_M <= elevation <= HIGHEST_FIELD_M
     if has_qnh and knows_field and math.isnan(at_m):
         at_m, knows_field = elevation, False
-    knows_place = LOWEST_FIELD_M <= at_m <= HIGHEST_FIELD_M
-    warms = has_temperature(sample) and (knows_field or knows_place or not in_flight)
+    field_m = math.nan
+    if LOWEST_FIELD_M <= at_m <= HIGHEST_FIELD_M:
+        field_m = at_m
+    elif in_flight:
+        field_m = SEA_LEVEL_M if math.isnan(setting.field_m) else setting.field_m
+    warms = has_temperature(sample) and (knows_field or field_m != SEA_LEVEL_M)
     is_told = knows_field
     if has_qnh and (is_measured or qnh != setting.told_pa):
         setting.qnh_pa, setting.told_pa, setting.elevation_m = qnh, qnh, math.nan
         setting.sd_m = M_PER_PA * (sample[0].qnh_sd_pa if is_measured else SETTING_SD_PA)
-        setting.field_m = at_m if knows_place else (0.0 if in_flight else math.nan)
+        setting.field_m = field_m
         is_told = True
     if knows_field:
         setting.elevation_m = elevation
@@ -210,9 +216,3 @@ def indicated_sd_m(setting: Record, altitude_m: float, now_us: int) -> float:
     ratio = COLUMN_RATIO if math.isnan(setting.air_k) else KNOWN_COLUMN_RATIO
     column_m = ratio * (altitude_m - field_m)
     return math.hypot(math.hypot(setting.sd_m, weather_m), column_m)
-
-
-@step
-def level_of(baro_m: float) -> float:
-    """Pressure altitude (geopotential) of a geometric height of the standard atmosphere."""
-    return geopotential_m(baro_m)

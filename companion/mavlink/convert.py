@@ -19,7 +19,6 @@ UNKNOWN_U16 = 65535
 UNKNOWN_U8 = 255
 NO_DOP = 9999
 FIX_3D = 3
-NAN3 = (math.nan, math.nan, math.nan)
 
 
 class TimeBase(Enum):
@@ -270,19 +269,6 @@ def sim_state(message: Message) -> tuple[float, float]:
 def global_position(message: Message) -> tuple[int, float, float]:
     """GLOBAL_POSITION_INT: the autopilot's own (time_us since boot, altitude_amsl_m, climb_mps)."""
     return message.time_boot_ms * 1000, message.alt * 1e-3, message.vz * -0.01
-
-
-class OwnHeights(NamedTuple):
-    """The vehicle's own heights."""
-
-    time_us: int
-    altitude_amsl_m: float
-    height_above_home_m: float
-
-
-def own_heights(message: Message) -> OwnHeights:
-    """GLOBAL_POSITION_INT: millimetres AMSL and above home."""
-    return OwnHeights(message.time_boot_ms * 1000, message.alt * 1e-3, message.relative_alt * 1e-3)
 
 
 def _inertial(message: Message, accelerometer_scale: float) -> tuple[Any, ...]:

@@ -118,6 +118,11 @@ class Identity:
         self._source_us = 0
 
     @property
+    def spoken(self) -> int:
+        """The MAVLink version that we send: an autopilot that can speak 2 may wait for it."""
+        return self.version if self.vehicle is not None else 2
+
+    @property
     def is_signed(self) -> bool:
         """Whether the vehicle has signed a frame."""
         return self._signed_us is not None

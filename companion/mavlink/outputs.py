@@ -23,17 +23,15 @@ time_usec             vehicle boot time of the estimate, or of the vehicle's own
 
 import math
 from enum import Enum
-from typing import Literal
 
-from pydantic import Field
-
-from companion.config import Settings
 from companion.health import Health
 from companion.kernels.atmosphere import qnh_pa
 from companion.mavlink.codec import Message, mavlink
 from companion.mavlink.continuity import Leap, Monotonic
-from companion.mavlink.convert import OwnHeights, own_heights
 from companion.mavlink.debug import debug_messages
+from companion.mavlink.own_heights import OwnHeights, own_altitude, own_heights
+from companion.mavlink.schedule import Schedule
+from companion.mavlink.sections import PublishSettings
 from companion.samples import Kind, Rows, Verdict
 
 FRESH_US = 1_000_000
@@ -60,47 +58,6 @@ class Source(Enum):
     NONE = "none"
     OURS = "ours"
     VEHICLE = "the vehicle's own"
-
-
-class PublishSettings(Settings):
-    """Section ``publish``."""
-
-    altitude: Literal["auto", "always", "never"] = "auto"
-    """whether ALTITUDE is sent; auto: not while the vehicle sends it itself; never: the ground
-    station goes on showing the autopilot's own height"""
-    altitude_hz: float = Field(10.0, ge=0.1, le=100)
-    """rate of ALTITUDE in vehicle time; a message goes out with the first update after its slot
-    falls due"""
-    debug: bool = True
-    """whether DEBUG, DEBUG_VECT, NAMED_VALUE_FLOAT and DEBUG_FLOAT_ARRAY are sent"""
-    debug_hz: float = Field(1.0, ge=0.1, le=50)
-    """rate of each message of the DEBUG family"""
-    statustext: bool = True
-    """whether STATUSTEXT tells changes of health, at most one text of a kind in five seconds"""
-
-
-class Schedule:
-    """Slots of vehicle time: the first update after a slot falls due takes it. There is no timer.
-
-    An update a tenth of a period early takes it too: stamps of a stream at this very rate jitter.
-    """
-
-    def __init__(self, rate_hz: float) -> None:
-        self._period_us = round(1e6 / rate_hz)
-        self._due_us: int | None = None
-
-    def takes(self, now_us: int) -> bool:
-        """Whether an update at `now_us` is due; if so its slot is used up. A clock that went back
-        starts anew."""
-        due_us, early_us = self._due_us, self._period_us // 10
-        if due_us is None:
-            self._due_us = now_us + self._period_us
-            return True
-        if due_us - 2 * self._period_us <= now_us < due_us - early_us:
-            return False
-        is_on_grid = -early_us <= now_us - due_us < self._period_us
-        self._due_us = (due_us if is_on_grid else now_us) + self._period_us
-        return True
 
 
 class Outputs:
@@ -168,15 +125,11 @@ class Outputs:
         self.source = Source.VEHICLE
         if math.isnan(self._local_origin_m):
             self._local_origin_m = own.altitude_amsl_m
-        clearance_m = self._clearance_m(now_us)
-        return mavlink.MAVLink_altitude_message(
-            own.time_us,
-            self.monotonic.at(now_us),
-            own.altitude_amsl_m,
-            own.altitude_amsl_m - self._local_origin_m,
-            own.height_above_home_m,
-            clearance_m,
-            clearance_m,
+        return own_altitude(
+            own,
+            self._local_origin_m,
+            monotonic_m=self.monotonic.at(now_us),
+            clearance_m=self._clearance_m(now_us),
         )
 
     def _may_send(self, now_us: int) -> bool:
@@ -265,6 +218,28 @@ class Outputs:
             return math.nan
         tilted = self._cos_tilt is not None and abs(now_us - self._cos_tilt[0]) <= FRESH_US
         return self._range[1] * (self._cos_tilt[1] if tilted and self._cos_tilt else 1.0)
+
+
+def intervals(settings: PublishSettings) -> dict[int, int]:
+    """Message id -> interval in microseconds of what is sent at a rate."""
+    altitude_us, debug_us = (
+        round(1e6 / settings.altitude_hz) if settings.altitude != "never" else 0,
+        round(1e6 / settings.debug_hz) if settings.debug else 0,
+    )
+    debug = dict.fromkeys(
+        (
+            mavlink.MAVLINK_MSG_ID_DEBUG,
+            mavlink.MAVLINK_MSG_ID_DEBUG_VECT,
+            mavlink.MAVLINK_MSG_ID_DEBUG_FLOAT_ARRAY,
+            mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT,
+        ),
+        debug_us,
+    )
+    return {
+        mavlink.MAVLINK_MSG_ID_HEARTBEAT: 1_000_000,
+        mavlink.MAVLINK_MSG_ID_ALTITUDE: altitude_us,
+        **debug,
+    }
 
 
 def heartbeat(health: Health) -> Message:

@@ -1,7 +1,7 @@
 """Commands and parameter requests of other programs: which are for us, and our answers."""
 
 from companion.mavlink.codec import Message, mavlink
-from companion.mavlink.commands import answers
+from companion.mavlink.commands import Commands
 from companion.mavlink.parameters import Parameters
 from companion.mavlink.texts import Allowance
 
@@ -30,8 +30,8 @@ class Requests:
     autopilot.
     """
 
-    def __init__(self, parameters: Parameters) -> None:
-        self._parameters = parameters
+    def __init__(self, parameters: Parameters, commands: Commands) -> None:
+        self._parameters, self._commands = parameters, commands
         self._allowance = Allowance(ANSWERS_PER_S)
 
     def answer(
@@ -45,4 +45,6 @@ class Requests:
             return []
         if not self._allowance.takes(arrival_us):
             return []
-        return answers(message, asker) if is_command else self._parameters.answer(message)
+        if is_command:
+            return self._commands.answer(message, asker, arrival_us)
+        return self._parameters.answer(message)

@@ -15,7 +15,8 @@ from pathlib import Path
 import pytest
 
 from companion.logs.tlog import TlogReader
-from tests.live import Companion, LiveVehicle, flying, free_port, until
+from companion.mavlink.codec import Message, mavlink
+from tests.live import STREAMS, Companion, LiveVehicle, flying, free_port, until
 from tests.paths import ROOT
 
 pytestmark = pytest.mark.slow
@@ -30,6 +31,13 @@ def port() -> int:
 def vehicle(port: int) -> Iterator[LiveVehicle]:
     with flying(port) as made:
         yield made
+
+
+def position(boot_s: float) -> Message:
+    """The vehicle's own heights; its sensors say 500 m."""
+    return mavlink.MAVLink_global_position_int_message(
+        round(boot_s * 1e3), 470_000_000, 80_000_000, 507_123, 12_345, 0, 0, 0, 0
+    )
 
 
 def altitudes(vehicle: LiveVehicle, since: float = 0.0) -> int:
@@ -127,6 +135,24 @@ def test_socket_is_free_after_a_kill(port: int) -> None:
     companion.stop(signal.SIGKILL)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as again:
         again.bind(("127.0.0.1", port))
+
+
+def test_the_first_thing_after_a_kill_is_the_vehicles_own_height(port: int) -> None:
+    """Before the estimators are loaded: a display that follows ALTITUDE is frozen until then."""
+    streams = dict(STREAMS) | {"position": (5.0, position)}
+    url = f"udpin:127.0.0.1:{port}"
+    with flying(port, streams=streams) as vehicle:
+        with Companion(url) as companion:
+            until(lambda: altitudes(vehicle) > 20)
+            companion.stop(signal.SIGKILL)
+        since = time.monotonic()
+        with Companion(url):
+            ready = time.monotonic()
+            first, *_ = vehicle.times("ALTITUDE", since)
+            height = vehicle.messages("ALTITUDE", since)[0]
+    assert first < ready
+    assert first - since < 0.5 * (ready - since)
+    assert (height.altitude_amsl, height.altitude_relative) == pytest.approx((507.123, 12.345))
 
 
 def test_estimate_is_back_within_a_second_after_a_kill(

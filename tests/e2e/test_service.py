@@ -22,6 +22,7 @@ from companion.settings import CompanionSettings
 
 ALTITUDE = mavlink.MAVLINK_MSG_ID_ALTITUDE
 HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
+TIMESYNC = mavlink.MAVLINK_MSG_ID_TIMESYNC
 COMMAND_LONG = mavlink.MAVLINK_MSG_ID_COMMAND_LONG
 
 
@@ -126,7 +127,7 @@ def test_live_and_replay_of_its_recording_agree_byte_for_byte(
         bench = Bench(recorder)
         feed(bench.far, bench.service, bench.clock, list(TlogReader(short_hop)))
         bench.close()
-    hosts_own = {HEARTBEAT, COMMAND_LONG}  # heartbeat and requests follow the host's clock
+    hosts_own = {HEARTBEAT, COMMAND_LONG, TIMESYNC}  # these follow the host's clock
     pipeline, decoder = Pipeline(CompanionSettings(), datagrams=True), Decoder(datagrams=True)
     live: list[bytes] = []
     replayed: list[bytes] = []

@@ -1,12 +1,13 @@
 """Second barometers and receivers: which instance is in use, and how far the others are from it.
 
 The instance in use is the primary while it has values; another one takes over when the primary is
-silent for two seconds, or has had no value two seconds after the first of any. A spare follows what
-the instance in use is expected to read, with an offset that is the mean of the last half minute, so
-that a take-over makes no step. A spare receiver also stands in while the one in use is excluded.
+silent for two seconds, or has had no value two seconds after the first of any. A redundant sensor
+has an offset from the expected reading of the instance in use, the mean of the last half minute, so
+that a take-over makes no step. A redundant receiver also replaces the one in use while that is
+excluded.
 
-A spare shares the weather and the ionosphere with the one in use, so it makes the height no better
-while both are well: it is not fused then.
+A redundant sensor shares the weather and the ionosphere with the one in use, so it does not improve
+the height while both are healthy: it is not fused then.
 """
 
 import numpy as np
@@ -15,12 +16,12 @@ from companion.jit import step
 from companion.samples import MAX_INSTANCES, Record
 
 SETTLED = 50
-"""samples until the offset of a spare is known"""
+"""number of samples after which the offset of a redundant sensor is known"""
 OFFSET_TIME_S = 30.0
 SILENT_US = 2_000_000
 FAR_SIGMA = 5.0
 FORGOTTEN_US = 60_000_000
-"""a spare that has been far for so long, or silent, begins anew"""
+"""time for which a redundant sensor was far or silent after which its offset begins anew"""
 NOT_IN_USE, IN_USE, TAKES_OVER = 0, 1, 2
 
 BAROMETERS, RECEIVERS = 0, 1
@@ -51,7 +52,8 @@ def spares_start(spares: Record) -> None:
 
 @step
 def choose(spares: Record, kind: int, instance: int, time_us: int) -> int:
-    """Whether a sample is of the instance in use, of one that takes over now, or of a spare."""
+    """Whether a sample is of the instance in use, of one that takes over now, or of a redundant
+    one."""
     if spares.first_us[kind] < 0:
         spares.first_us[kind] = time_us
     active = spares.active[kind]
@@ -67,7 +69,7 @@ def choose(spares: Record, kind: int, instance: int, time_us: int) -> int:
 
 @step
 def follow(spares: Record, kind: int, instance: int, time_us: int, innovation_m: float) -> float:
-    """Move the offset of a spare with its newest reading; how far that was from it."""
+    """Update the offset of a redundant sensor with its newest reading; the distance of the two."""
     since_us = time_us - spares.time_us[kind, instance]
     if spares.count[kind, instance] == 0 or since_us > FORGOTTEN_US:
         spares.count[kind, instance] = 0
@@ -82,7 +84,7 @@ def follow(spares: Record, kind: int, instance: int, time_us: int, innovation_m:
 
 @step
 def is_settled(spares: Record, kind: int, instance: int) -> bool:
-    """Whether the offset of a spare is known."""
+    """Whether the offset of a redundant sensor is known."""
     return spares.count[kind, instance] >= SETTLED
 
 
@@ -90,9 +92,3 @@ def is_settled(spares: Record, kind: int, instance: int) -> bool:
 def offset_m(spares: Record, kind: int, instance: int) -> float:
     """What an instance reads above what the first one in use would."""
     return spares.offset_m[kind, instance] if is_settled(spares, kind, instance) else 0.0
-
-
-@step
-def unknown_offset(spares: Record, kind: int, instance: int) -> bool:
-    """Whether an instance that takes over has no offset to be told by."""
-    return spares.first_us[kind] < spares.active_us[kind] and not is_settled(spares, kind, instance)

@@ -11,7 +11,7 @@ import pytest
 
 from companion.health import Health
 from companion.output import LogHandler, Output
-from companion.service import Status
+from companion.status import Status
 from companion.status_lines import Display, Lines, Objects, Reporter, reporter
 from tests.live import drained
 

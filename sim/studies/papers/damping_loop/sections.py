@@ -72,7 +72,8 @@ def add_atmosphere(page: Page, drives: list[Drive]) -> None:
                       "temperature to "
                   f"{THERMOMETER_SD_K:g} K; uncompensated {standard_m:.1f} m"),
             Row("the 60 m between compensated altitude and GPS are the geoid", "60", None, "m",
-                "Fig. 4", "they are as much as (5) invents"),
+                "Fig. 4", f"on a standard day (5) alone adds {circular_m[0]:+.0f} m, or "
+                f"{circular_m[1]:+.0f} m with 1.225 kg/m3"),
         ],
     )  # fmt: skip
     pressures = drives[0].log[Kind.PRESSURE]
@@ -192,7 +193,8 @@ def add_genetic(page: Page, tuned: Tuned, printed_ratios: Array) -> None:
     with page.figure(
         "genetic", "Cost of the best string over the least of all, by generation."
     ) as axes:
-        axes[0].plot(curves.T, color=BOUND, linewidth=0.5, alpha=0.5)
+        axes[0].plot(curves[0], color=BOUND, linewidth=0.5, label="each search")
+        axes[0].plot(curves[1:].T, color=BOUND, linewidth=0.5, alpha=0.5)
         axes[0].plot(np.median(curves, axis=0), color=FUSED, label="median of the searches")
         axes[0].axhline(1.0, color=TRUTH, linewidth=0.8, label="exhaustive search")
         axes[0].set_ylim(0.995, 1.2)

@@ -30,9 +30,16 @@ def draw_scenarios(page: Page, outcome: Outcome, index: int, name: str, what: st
                     label=ALTIMETERS[altimeter],
                     lw=0.7,
                 )
-            axis.axvspan(T_D_S * FIRST_FAULTY, T_D_S * LAST_FAULTY, color=BOUND, alpha=0.15, lw=0)
+            axis.axvspan(
+                T_D_S * FIRST_FAULTY,
+                T_D_S * LAST_FAULTY,
+                color=BOUND,
+                alpha=0.15,
+                lw=0,
+                label="time of the faults",
+            )
             axis.set_title(title.split(": ")[1])
-        axes[0].legend(ncols=3)
+        axes[1].legend(ncols=2)
         for axis in axes[-2:]:
             axis.set_xlabel("time (s)")
         for axis in axes[::2]:

@@ -194,6 +194,8 @@ def test_a_temperature_whose_height_is_unknown_is_not_used() -> None:
     assert math.isnan(record.air_k)
     note_air(record, set_at_field(air_temperature_k=303.0, field_elevation_m=FIELD_M), True)
     assert record.air_k == 303.0
+    note_air(record, air(2_000_000, qnh_pa=QNH_PA, air_temperature_k=301.0), True)
+    assert (record.field_m, record.air_k) == (FIELD_M, 301.0), "the field stays known"
 
 
 def test_adaptive_fusion_takes_p0_and_t0_of_31_live() -> None:

@@ -17,7 +17,9 @@ from companion.kernels.atmosphere import baro_altitude_m
 from companion.mavlink.codec import Encoder, Message, mavlink
 from companion.mavlink.continuity import Leap, Monotonic
 from companion.mavlink.debug import NAMED, message_table, state_floats
-from companion.mavlink.outputs import Outputs, PublishSettings, Schedule, heartbeat
+from companion.mavlink.outputs import Outputs, heartbeat
+from companion.mavlink.schedule import Schedule
+from companion.mavlink.sections import PublishSettings
 from companion.mavlink.texts import StatusTexts
 from companion.samples import ESTIMATE, Kind, Rows, Verdict, rows, sample
 from companion.settings import CompanionSettings

@@ -5,6 +5,13 @@ import math
 import pytest
 
 from companion.mavlink.codec import Encoder, Message, mavlink
+from companion.mavlink.commands import (
+    GET_MESSAGE_INTERVAL,
+    ON_REQUEST,
+    PREFLIGHT_STORAGE,
+    REQUEST_MESSAGE,
+)
+from companion.mavlink.debug import NAMED
 from companion.mavlink.parameters import LONGEST_NAME, NAMES
 from companion.pipeline import Pipeline
 from companion.samples import Packet
@@ -87,6 +94,53 @@ def test_version_on_request(flown: Pipeline, command: int) -> None:
     assert (ack.command, ack.result) == (command, mavlink.MAV_RESULT_ACCEPTED)
     assert version.get_type() == "AUTOPILOT_VERSION"
     assert version.capabilities & mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_FLOAT
+
+
+def command(flown: Pipeline, number: int, *values: float, at: int) -> list[Message]:
+    padded = (*values, *[0.0] * (7 - len(values)))
+    return ask(flown, mavlink.MAVLink_command_long_message(*OURS, number, 0, *padded), at)
+
+
+def test_what_we_send_is_sent_on_request_while_it_is_new() -> None:
+    pipeline, packets = Pipeline(CompanionSettings()), list(standing(30.0, 40.0))
+    for packet in packets:
+        pipeline.feed(packet)
+    pipeline.heartbeat()
+
+    def request(message_id: int, after_us: int) -> tuple[int, list[Message]]:
+        values = (message_id, 0, 0, 0, 0, 0, 0)
+        message = mavlink.MAVLink_command_long_message(*OURS, REQUEST_MESSAGE, 0, *values)
+        at_us = packets[-1].time_us + after_us
+        ack, *found = parsed(pipeline.feed(Packet(at_us, STATION.encode(message))))
+        return ack.result, found
+
+    for number, wanted in enumerate(sorted(ON_REQUEST)):
+        result, found = request(wanted, 1000 * number)
+        assert result == mavlink.MAV_RESULT_ACCEPTED
+        assert {message.get_msgId() for message in found} == {wanted}
+        named = wanted == mavlink.MAVLINK_MSG_ID_NAMED_VALUE_FLOAT
+        assert len(found) == (len(NAMED) + 1 if named else 1)
+    assert request(30, 10_000) == (mavlink.MAV_RESULT_UNSUPPORTED, [])
+    assert request(141, 2_500_000) == (mavlink.MAV_RESULT_DENIED, [])
+
+
+def test_intervals_on_request(flown: Pipeline) -> None:
+    for number, (wanted, interval_us) in enumerate([(141, 100_000), (254, 1_000_000), (30, 0)]):
+        ack, told = command(flown, REQUEST_MESSAGE, 244, wanted, at=1200 + 20 * number)
+        assert (told.message_id, told.interval_us) == (wanted, interval_us)
+        ack, same = command(flown, GET_MESSAGE_INTERVAL, wanted, at=1210 + 20 * number)
+        assert ack.result == mavlink.MAV_RESULT_ACCEPTED
+        assert same.interval_us == interval_us
+
+
+def test_parameters_are_kept_on_request(flown: Pipeline) -> None:
+    (ack,) = command(flown, PREFLIGHT_STORAGE, 1, at=1300)
+    assert ack.result == mavlink.MAV_RESULT_FAILED  # nowhere to keep them
+    told: list[bool] = []
+    flown.commands.store = lambda keeps: not told.append(keeps)  # type: ignore[func-returns-value]
+    results = [command(flown, PREFLIGHT_STORAGE, n, at=1310 + n)[0].result for n in (1, 2, 3)]
+    assert told == [True, False]
+    assert results == [0, 0, mavlink.MAV_RESULT_UNSUPPORTED]
 
 
 def test_everything_else_is_refused(flown: Pipeline) -> None:

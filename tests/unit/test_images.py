@@ -1,0 +1,56 @@
+"""Lock files of the container images: they satisfy pyproject.toml, and every line has a hash."""
+
+import re
+import tomllib
+
+import pytest
+from packaging.requirements import Requirement
+
+from tests.paths import ROOT
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+BASE = PROJECT["dependencies"]
+EXTRAS = PROJECT["optional-dependencies"]
+LINE = re.compile(
+    r"^(?P<name>[\w.-]+)==(?P<version>[\w.]+)(?: ; [^\\]*)? \\\n(?P<hashes>(?: .*\n)+)",
+    re.MULTILINE,
+)
+
+
+def needed(*extras: str) -> list[str]:
+    """The requirements with extras, and with those that they name."""
+    found = [text for extra in extras for text in EXTRAS[extra]]
+    named = [each for text in found for each in Requirement(text).extras if "kollsman" in text]
+    return [text for text in found if "kollsman" not in text] + (needed(*named) if named else BASE)
+
+
+def locked(*names: str) -> dict[str, set[str]]:
+    """Versions by package name."""
+    found: dict[str, set[str]] = {}
+    for name in names:
+        text = (ROOT / "docker" / f"{name}.lock").read_text(encoding="utf-8")
+        matches = list(LINE.finditer(text))
+        assert sum("==" in line for line in text.splitlines()) == len(matches)
+        for match in matches:
+            assert "--hash=sha256:" in match["hashes"]
+            found.setdefault(match["name"].lower(), set()).add(match["version"])
+    return found
+
+
+@pytest.mark.parametrize(
+    ("wanted", "files"),
+    [(BASE, ["companion"]), (needed("sim"), ["sim", "jsbsim"]), (["hatchling>=1.25"], ["build"])],
+    ids=["companion", "sim", "build"],
+)
+def test_the_lock_files_satisfy_the_project(wanted: list[str], files: list[str]) -> None:
+    versions = locked(*files)
+    for text in wanted:
+        requirement = Requirement(text)
+        held = versions.get(requirement.name.lower(), set())
+        assert held, f"{requirement.name} is missing: make lock"
+        assert any(requirement.specifier.contains(each) for each in held), f"{text}: make lock"
+
+
+def test_both_images_have_the_same_versions() -> None:
+    base, sim = locked("companion"), locked("sim")
+    assert {name: sim.get(name) for name in base} == base

@@ -8,7 +8,7 @@ BIN    := $(VENV)/bin
 RETRY  := --reruns 2
 PIP    := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 
-.PHONY: lock help demo test test-slow lint bench config-page clean
+.PHONY: lock help demo test test-slow test-long lint bench config-page clean
 
 help:            ## what can be made
 	@awk -F':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -21,6 +21,9 @@ test: lint              ## lint, types, import rules and the default tests (extr
 
 test-slow: $(VENV)/.dev ## end-to-end and Monte-Carlo tests
 	$(BIN)/python -m pytest -q -m slow -n 2 $(RETRY)
+
+test-long: $(VENV)/.dev ## every scenario, hours of flight, whole recordings (half an hour)
+	$(BIN)/python -m pytest -q -m long -n 2 $(RETRY)
 
 lint: $(VENV)/.dev      ## ruff, mypy --strict, import rules
 	$(BIN)/ruff check .

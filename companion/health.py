@@ -4,7 +4,7 @@
 OK           barometer and GNSS were both used within ``fresh_s``, the spread is within ``sd_ok_m``
 DEGRADED     one of them is missing or refused, or the spread is larger
 LOST         no height for ``lost_s``, spread above ``sd_lost_m``, protection level (of an
-             estimator that has one) above ``level_lost_m``, no finite, possible estimate, one
+             estimator that has one) above its alert limit, no finite, possible estimate, one
              that neither barometer nor GNSS supports (`companion.checker`), or nothing from the
              vehicle, or none of its heights, for ``silent_s``
 ===========  ====================================================================================
@@ -62,8 +62,6 @@ class HealthSettings(Settings):
     """largest standard deviation of the altitude with which health is OK; above it is DEGRADED"""
     sd_lost_m: float = Field(30.0, gt=0, le=1000)
     """standard deviation of the altitude above which health is LOST: ALTITUDE stops"""
-    level_lost_m: float = Field(50.0, gt=0, le=10_000)
-    """protection level above which health is LOST: ALTITUDE stops"""
 
 
 class HealthMonitor:
@@ -176,8 +174,9 @@ class HealthMonitor:
         settings, value = self._settings, estimate[0]
         altitude_m, sd_m = float(value["altitude_amsl_m"]), float(value["altitude_sd_m"])
         self.has_altitude = not objection and LOWEST_M <= altitude_m <= HIGHEST_M
-        level_m = float(value["protection_level_m"])  # NaN of an estimator that has none
-        self.has_altitude &= sd_m <= settings.sd_lost_m and not level_m > settings.level_lost_m
+        level_m = float(value["protection_level_m"])
+        alert = level_m > float(value["alert_limit_m"])  # False of an estimator without a level
+        self.has_altitude &= sd_m <= settings.sd_lost_m and not alert
         if not (math.isfinite(altitude_m) and math.isfinite(sd_m)):
             return Health.LOST, self._missing(now_us) or "no altitude yet"
         if not LOWEST_M <= altitude_m <= HIGHEST_M:
@@ -193,7 +192,7 @@ class HealthMonitor:
             return Health.LOST, objection
         if sd_m > settings.sd_lost_m:
             return Health.LOST, f"altitude uncertain by {sd_m:.0f} m"
-        if level_m > settings.level_lost_m:
+        if alert:
             return Health.LOST, f"altitude may be wrong by {level_m:.0f} m"
         problem = excluded(estimate) or self._missing(now_us)
         if problem:

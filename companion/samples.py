@@ -114,6 +114,7 @@ DTYPES: Mapping[Kind, np.dtype[Any]] = {
         ("fix_type", "i8"),  # MAVLink GPS_FIX_TYPE: 3 is 3D
         ("satellites", "i8"),  # -1 unknown
         ("suspect", "i8"),
+        ("datum_sd_m", "f8"),  # constant part of the vertical spread: doubt in the datum, NaN none
     ),
     Kind.ATTITUDE: _dtype(
         ("roll_rad", "f8"),
@@ -166,6 +167,7 @@ ESTIMATE = np.dtype(
         ("qnh_pa", "f8"),  # altimeter setting with which an altimeter here indicates altitude_amsl
         ("qnh_sd_pa", "f8"),
         ("protection_level_m", "f8"),  # exceeded only at the configured integrity risk
+        ("alert_limit_m", "f8"),  # protection level above which the height must not be published
         ("drift_probabilities", "f8", (3,)),  # of calm, fair, stormy weather
         ("faulty", "i8"),  # a `FaultySensor`
         ("faulty_since_us", "i8"),

@@ -20,7 +20,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from statistics import median
@@ -50,6 +50,17 @@ while True:
     s.sendto(data.ljust(int(sys.argv[2])), peer)
 """
 
+READER = """
+import http.client, sys
+connection = http.client.HTTPConnection("127.0.0.1", int(sys.argv[1]))
+connection.request("GET", "/api/events")
+events = connection.getresponse()
+print("ready", flush=True)
+while events.readline():
+    pass
+"""
+PAGES = 3
+
 Row = tuple[str, str, str]
 
 
@@ -58,6 +69,7 @@ def main() -> None:
     parts = (
         start_up,
         latency,
+        live_page,
         load_and_memory,
         simulator,
         long_flights,
@@ -174,6 +186,29 @@ def latency() -> list[Row]:
             "",
         ),
         ("p50 over the floor's", f"{ours[0] / floor[0]:.1f} times", ""),
+    ]
+
+
+def live_page() -> list[Row]:
+    """The latency with and without the live page and `PAGES` readers of it."""
+    with tempfile.TemporaryDirectory() as folder:
+        config = Path(folder) / "bench.yaml"
+        config.write_text(
+            f"publish: {{altitude_hz: {PRESSURE_HZ}, debug: false}}\nstreams: {{request: false}}\n"
+        )
+        taken = []
+        for pages in (0, PAGES):
+            port, http = free_port(), free_port()
+            options = ["--http", str(http)] if pages else []
+            with ExitStack() as stack:
+                stack.enter_context(process(companion(port, "--config", str(config), *options)))
+                for _ in range(pages):
+                    stack.enter_context(process([sys.executable, "-c", READER, str(http)]))
+                taken.append(np.percentile(round_trips(port, answer=altitude_in), (50, 99)))
+    (p50, p99), (with_p50, with_p99) = taken
+    return [
+        ("without the live page, p50 / p99", f"{p50:.3f} / {p99:.3f} ms", ""),
+        (f"with {PAGES} open pages, p50 / p99", f"{with_p50:.3f} / {with_p99:.3f} ms", "the same"),
     ]
 
 

@@ -122,10 +122,13 @@ class Receiver:
             self._tell(text + "the ellipsoid's, and corrected")
             row["altitude_amsl_m"] = value["altitude_ellipsoid_m"] - above_m
         else:
-            self._tell(text + "in doubt by as much, set intake.equal_heights")
+            self._tell(
+                text + "in doubt by as much, set intake.equal_heights "
+                "(sea_level: a simulation, such as ArduPilot SITL)"
+            )
             self.doubt_m = abs(above_m)
             sd_m = float(gnss_sd_m(row, 0.0, UNKNOWN_SD_M))
-            row["vertical_sd_m"] = math.hypot(sd_m, above_m)
+            row["vertical_sd_m"], row["datum_sd_m"] = math.hypot(sd_m, above_m), abs(above_m)
 
     def _tell(self, text: str) -> None:
         if text[:12] not in self._told:  # heights and ratios in the rest vary

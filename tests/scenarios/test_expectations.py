@@ -14,6 +14,11 @@ from sim.studies.runs import flown
 
 _MEASURED = "missed in the run of 2026-11-28; cause not found"
 _UNKNOWN = "not measured yet with the mixture of vertical-bank"
+QUICK = {
+    "circuit-landing", "cold-start", "jammed-approach", "rtk-fallback", "reboot-in-flight",
+    "sliding-first-fix", "spoofed-approach",
+}  # fmt: skip
+"""Scenarios that the slow run flies; the long run flies the others."""
 KNOWN_MISSES: dict[str, str] = {
     "airliner-descent": _MEASURED,
     "airliner-emergency": _MEASURED,
@@ -73,8 +78,13 @@ def test_each_demand_is_judged(short_hop: Path) -> None:
     assert missed(never, log) == ["gnss named as faulty"]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", scenario_paths())
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow if name in QUICK else pytest.mark.long)
+        for name in scenario_paths()
+    ],
+)
 def test_scenario_meets_its_expectations(name: str, request: pytest.FixtureRequest) -> None:
     if name in KNOWN_MISSES:
         request.applymarker(pytest.mark.xfail(reason=KNOWN_MISSES[name], strict=False))

@@ -7,7 +7,7 @@ from companion.evaluation.integrity import poisson_interval
 from sim.studies.goals.sections.protection import Job, work
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_level_is_exceeded_as_often_as_allocated() -> None:
     hours = work(Job("sensors", 5000, 80))
     flown_h = sum(row["hours"] for row in hours)

@@ -60,42 +60,14 @@ CASES = {
 }
 
 
-KNOWN_MISSES = {
-    (DEFAULT_ESTIMATOR, log)
-    for log in (
-        "pymavlink_swift_flight",
-        "ardupilot_nominal",
-        "ardupilot_weather",
-        "SITL_uavlogviewer_flight_logs",
-    )
-}
-"""These failed in the slow run of 2026-11-28 after identification and the vehicle clock changed;
-cause not found."""
-
-LEVEL_MISSES = {
-    "real/codelever_2013-10-13_16-58-51.tlog": "172 of 600 published: level 68 m of spread 15 m",
-    "real/bruno_20211202-133659.tlog": "0 of 20 published: level 53 m of spread 11 m",
-    "real/dronekit_flight_replay.tlog": "2237 of 2400 published: level 57 m of spread 12 m",
-    "real/SITL_wlichon_mixed_signed.tlog": "0 of 300 published: level 124 m of spread 27 m",
-    "real/SITL_wlichon_twin_sysid2.tlog": "0 of 40 published: level 120 m of spread 26 m",
-}
-"""Known misses of the default estimator: a receiver that reports a good accuracy has a protection
-level of 4.7 spreads, above `health.level_lost_m` of 50 m, long before its spread is above
-`sd_lost_m`."""
-
-
 def marks(name: str, estimator: str) -> list[pytest.MarkDecorator]:
-    """Slow ones, and known misses."""
-    slow = CASES[name].slow or estimator != DEFAULT_ESTIMATOR
-    missed = LEVEL_MISSES.get(name) if estimator == DEFAULT_ESTIMATOR else None
-    found = [pytest.mark.slow] if slow else []
-    if (estimator, Path(name).stem) in KNOWN_MISSES:
-        return [*found, pytest.mark.xfail(strict=False, reason="cause not found")]
-    return [*found, pytest.mark.xfail(strict=True, reason=missed)] if missed else found
+    """Slow and long ones."""
+    slow, other = CASES[name].slow, estimator != DEFAULT_ESTIMATOR
+    return [pytest.mark.long if slow and other else pytest.mark.slow] if slow or other else []
 
 
 def cases() -> list[Any]:
-    """Every recording with the default estimator; with all others in the slow run."""
+    """Every recording with the default estimator; with the others in the slow and long runs."""
     return [
         pytest.param(
             name,

@@ -19,7 +19,7 @@ from tests.paths import DATA
 QUICK_BYTES = 1_000_000
 LOGS = [
     pytest.param(
-        path, id=path.stem, marks=() if path.stat().st_size < QUICK_BYTES else pytest.mark.slow
+        path, id=path.stem, marks=() if path.stat().st_size < QUICK_BYTES else pytest.mark.long
     )
     for path in sorted(DATA.glob("*/*.tlog"))
     if path.name != "raw_capture_taken_for_tlog.tlog"

@@ -33,7 +33,7 @@ def test_endless_fuel_flies_on_with_the_weight_it_began_with() -> None:
     assert flight.aircraft.fuel_kg() == before_kg > 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("aircraft", "altitude_m", "hours", "endless"),
     [("737", 11_000.0, 4.0, False), ("f16", 6000.0, 3.0, True), ("c172p", 2000.0, 4.0, False)],

@@ -242,7 +242,7 @@ def test_there_are_at_least_fifteen_and_each_makes_a_claim() -> None:
     assert len(summaries) == len(names)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", scenario_paths())
 def test_it_flies_to_the_end_and_shows_what_it_says(name: str, tmp_path: Path) -> None:
     flown = fly(name, tmp_path / "log.tlog")

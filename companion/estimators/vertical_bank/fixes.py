@@ -4,11 +4,20 @@ import math
 
 from companion.estimators.judging import GATED, GNSS, IGNORED, USED, judge_gnss, place, tally
 from companion.estimators.vertical_bank.aids import fuse_qnh, fuse_temperature, note_place
-from companion.estimators.vertical_bank.attribution import GNSS_HEIGHT, fault_probability, is_named
+from companion.estimators.vertical_bank.attribution import (
+    GNSS_HEIGHT,
+    fault_probability,
+    is_named,
+)
 from companion.estimators.vertical_bank.baro_terms.timing import timing_m2
 from companion.estimators.vertical_bank.barometer import note_speed
 from companion.estimators.vertical_bank.beginning import expect_atmosphere, forget_height
-from companion.estimators.vertical_bank.channel import GNSS_BIAS, OFFSET, sees_climb, sees_height
+from companion.estimators.vertical_bank.channel import (
+    GNSS_BIAS,
+    OFFSET,
+    sees_climb,
+    sees_height,
+)
 from companion.estimators.vertical_bank.cycle import (
     DATUM_SIGMA,
     OUTAGE_S,
@@ -18,15 +27,19 @@ from companion.estimators.vertical_bank.cycle import (
 )
 from companion.estimators.vertical_bank.hypotheses import (
     SURPRISE_SIGMA,
+    drop_gnss_faults,
     on_gnss_surprise,
     suppose_after_outage,
 )
 from companion.estimators.vertical_bank.inertial import is_inertial, known_displacement
 from companion.estimators.vertical_bank.mixture import (
+    BA,
+    GN,
     N,
     expected,
     expected_variance,
     fuse,
+    heaviest,
     surprises,
 )
 from companion.estimators.vertical_bank.redundancy import (
@@ -39,6 +52,11 @@ from companion.estimators.vertical_bank.redundancy import (
     offset_m,
 )
 from companion.estimators.vertical_bank.reported_accuracy import (
+    DISCREDIT_PROBABILITY,
+    PLAIN,
+    credited_type,
+    datum_m2,
+    discredit,
     expect_gnss,
     note_fix,
     slow_m2,
@@ -88,25 +106,40 @@ def hear_fix(state: Rows, params: Rows, sample: Rows, fix_m: float, late_s: floa
     s.bank.H[GNSS_BIAS] = 1.0
     elapsed_s = (s.bank.now_us - s.gnss.used_us) * 1e-6 if s.gnss.seen == 1 else FIX_INTERVAL_S
     note_fix(s.gnss, p, sample, s.bank.path_m)
-    white = white_m2(s.gnss, p, sample)
-    expect_gnss(s.bank, p, slow_m2(p, sample, white), elapsed_s)
+    fix_type = credited_type(s.gnss, sample, s.bank.now_us)
+    R = expect_fix(state, params, sample, fix_type, elapsed_s)
     if s.gnss.seen == 0:
         meet_gnss(state, params, fix_m)
-    stamp_s = p.timing_sd_s * stamp_ratio(sample[0].fix_type)
-    R = white + timing_m2(stamp_s, s.bank.climb_mps, elapsed_s)
     s.gnss.innovation_m = fix_m - expected(s.bank, s.bank.H)
     if p.integrity == 1 and s.gnss.seen == 1 and s.baro.seen == 1:
         if elapsed_s > OUTAGE_S:
             blind = is_blind(state)
             suppose_after_outage(s.bank, p, p.outage_fault_probabilities[0 if blind else 1])
         if surprises(s.bank, fix_m, R, SURPRISE_SIGMA):
-            on_gnss_surprise(s.bank, p, is_blind(state), elapsed_s)
+            if discredit(s.gnss, p, fix_type, s.gnss.innovation_m, s.bank.now_us):
+                R = expect_fix(state, params, sample, PLAIN, elapsed_s)
+            else:
+                on_gnss_surprise(s.bank, p, is_blind(state), elapsed_s)
     s.gnss.seen, s.gnss.used_us = 1, s.bank.now_us
     fuse(s.bank, fix_m, R, p.tempering_ratio * min(1.0, elapsed_s / FIX_INTERVAL_S), 0)
+    if fix_type > PLAIN and fault_probability(s.bank, GNSS_HEIGHT) > DISCREDIT_PROBABILITY:
+        wrong = heaviest(s.bank, GN, BA)
+        if discredit(s.gnss, p, fix_type, s.bank.x[wrong, GNSS_BIAS], s.bank.now_us):
+            drop_gnss_faults(s.bank)
     if s.baro.seen == 1 and (elapsed_s > OUTAGE_S or s.gnss.against_m > 0.0):
         s.bank.H[GNSS_BIAS] = 0.0
         s.gnss.against_m = contradiction_m(s.bank, fix_m, R + s.bank.slow_m2)
     fuse_climb(state, params, sample[0].climb_mps, late_s)
+
+
+@step
+def expect_fix(state: Rows, params: Rows, sample: Rows, fix_type: int, elapsed_s: float) -> float:
+    """Give every hypothesis the slow variance of a fix; its white variance."""
+    s, p = state[0], params[0]
+    white = white_m2(s.gnss, p, sample, fix_type)
+    s.gnss.datum_m2 = datum_m2(sample)
+    expect_gnss(s.bank, p, slow_m2(p, sample, fix_type, white), elapsed_s)
+    return white + timing_m2(p.timing_sd_s * stamp_ratio(fix_type), s.bank.climb_mps, elapsed_s)
 
 
 @step
@@ -168,8 +201,9 @@ def on_spare_fix(state: Rows, params: Rows, sample: Rows, estimate: Rows, fix_m:
         return IGNORED
     if not is_settled(s.spares, RECEIVERS, instance):
         return IGNORED
-    white = white_m2(s.gnss, p, sample)
-    slow = slow_m2(p, sample, white)
+    fix_type = sample[0].fix_type
+    white = white_m2(s.gnss, p, sample, fix_type)
+    slow = slow_m2(p, sample, fix_type, white)
     away_m = innovation_m - s.spares.offset_m[RECEIVERS, instance]
     S = white + slow + expected_variance(s.bank, s.bank.H)
     if away_m * away_m > FAR_SIGMA * FAR_SIGMA * S:

@@ -40,6 +40,7 @@ from companion.estimators.vertical_bank.mixture import (
     BA,
     BO,
     GN,
+    LEAST,
     MO,
     RE,
     N,
@@ -193,6 +194,15 @@ def doubt_repeat(bank: Record, repeat_probability: float) -> None:
     for i in range(N):
         if not baro_is_wrong(i):
             bank.weight[i] *= repeat_probability
+    normalise(bank)
+
+
+@step
+def drop_gnss_faults(bank: Record) -> None:
+    """What spoke for a fault of the receiver is explained otherwise."""
+    for i in range(N):
+        if gnss_is_wrong(i):
+            bank.weight[i] *= LEAST
     normalise(bank)
 
 

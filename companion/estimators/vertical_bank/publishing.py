@@ -11,7 +11,7 @@ from companion.estimators.vertical_bank.attribution import (
 )
 from companion.estimators.vertical_bank.channel import CLIMB, GNSS_BIAS, HEIGHT, OFFSET, RATE, SCALE
 from companion.estimators.vertical_bank.mixture import N, mean, variance
-from companion.estimators.vertical_bank.protection import protection_level_m
+from companion.estimators.vertical_bank.protection import alert_limit_m, protection_level_m
 from companion.estimators.vertical_bank.takeoff import height_above_takeoff_m
 from companion.jit import step
 from companion.kernels.atmosphere import qnh_pa
@@ -28,7 +28,7 @@ def publish(state: Rows, params: Rows, estimate: Rows) -> None:
     e.time_us = bank.now_us
     e.altitude_amsl_m = mean(bank, HEIGHT)
     e.climb_mps = mean(bank, CLIMB)
-    e.altitude_sd_m = math.sqrt(variance(bank, HEIGHT))
+    e.altitude_sd_m = math.sqrt(variance(bank, HEIGHT) + s.gnss.datum_m2)
     e.climb_sd_mps = math.sqrt(variance(bank, CLIMB))
     e.baro_offset_m = -mean(bank, OFFSET)
     e.baro_rate_mps = mean(bank, RATE)
@@ -36,10 +36,10 @@ def publish(state: Rows, params: Rows, estimate: Rows) -> None:
     e.gnss_offset_m = mean(bank, GNSS_BIAS)
     e.innovation_m = s.gnss.innovation_m
     e.height_above_takeoff_m = height_above_takeoff_m(s.takeoff, bank)
-    level_m = protection_level_m(
-        bank, p.crossings_per_h, p.integrity_risk_probability, e.altitude_sd_m
-    )
+    crossings, risk = p.crossings_per_h, p.integrity_risk_probability
+    level_m = protection_level_m(bank, crossings, risk, e.altitude_sd_m, s.gnss.datum_m2)
     e.protection_level_m = max(level_m, s.gnss.against_m)
+    e.alert_limit_m = alert_limit_m(bank, crossings, risk, p.alert_limit_m, s.gnss.datum_m2)
     e.qnh_pa, e.qnh_sd_pa = math.nan, math.nan
     if s.baro.seen == 1 and not is_named(s.named, BAROMETER):
         e.qnh_pa = qnh_pa(s.baro.pressure_pa, e.altitude_amsl_m)

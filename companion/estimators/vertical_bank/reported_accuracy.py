@@ -10,8 +10,12 @@ DGPS (4)                     1.5 m       .4 m         SBAS without its slow iono
 3D (3)                       settings    settings     metres, whatever is reported
 ===========================  ==========  ===========  ==============================================
 
+A better fix type is believed until a fix is off by more than it allows, and by no more than a plain
+fix may be wrong: then it counts as a plain fix for `DISCREDIT_US`. More than that is a fault.
+
 The white part is what the stream shows: the median of what consecutive heights differ by beyond the
-motion. The slow part is the rest of the reported spread.
+motion. The slow part is the rest of the reported spread. Doubt in the datum is constant: it widens
+what is published, and does not make drift of the pressure more probable.
 """
 
 import math
@@ -29,6 +33,9 @@ RTK_FLOAT, RTK_FIXED = 5, 6
 RTK_STAMP_RATIO = 0.02
 NOISE_STEP = 0.05
 MEDIAN_TO_SD = 1.4826
+DISCREDIT_US = 600_000_000
+DISCREDIT_SIGMA, DISCREDIT_LEAST_M, DISCREDIT_PROBABILITY = 3.0, 1.0, 0.05
+PLAIN = 3
 DGPS_SLOW_M, DGPS_WHITE_M = 1.5, 0.4
 FLOAT_SLOW_M, FLOAT_WHITE_M = 0.3, 0.1
 FIXED_SLOW_M, FIXED_WHITE_M = 0.02, 0.02
@@ -41,6 +48,8 @@ RECEIVER = np.dtype(
         ("height_m", "f8"),  # newest, and the path then
         ("path_m", "f8"),
         ("innovation_m", "f8"),
+        ("plain_until_us", "i8"),  # until then a fix counts as a plain one
+        ("datum_m2", "f8"),  # variance of a constant error of its datum
         ("against_m", "f8"),  # by how much a receiver that is back contradicts the height, else 0
         ("ground_speed_mps", "f8"),
     ],
@@ -52,8 +61,25 @@ RECEIVER = np.dtype(
 def receiver_start(gnss: Record) -> None:
     """No fix heard."""
     gnss.seen, gnss.used_us, gnss.median_m, gnss.height_m = 0, -1, math.nan, math.nan
-    gnss.against_m = 0.0
+    gnss.against_m, gnss.datum_m2, gnss.plain_until_us = 0.0, 0.0, -1
     gnss.path_m, gnss.innovation_m, gnss.ground_speed_mps = 0.0, math.nan, math.nan
+
+
+@step
+def credited_type(gnss: Record, sample: Rows, now_us: int) -> int:
+    """Fix type that is believed."""
+    return min(PLAIN, sample[0].fix_type) if now_us < gnss.plain_until_us else sample[0].fix_type
+
+
+@step
+def discredit(gnss: Record, p: Record, fix_type: int, error_m: float, now_us: int) -> bool:
+    """Whether an error says that a fix is a plain one: its type is better, and a plain fix may be
+    wrong by so much."""
+    most_m = DISCREDIT_SIGMA * p.gnss_slow_floor_m
+    if fix_type <= PLAIN or not DISCREDIT_LEAST_M < abs(error_m) < most_m:
+        return False
+    gnss.plain_until_us = now_us + DISCREDIT_US
+    return True
 
 
 @step
@@ -74,6 +100,20 @@ def white_floor_m(p: Record, fix_type: int) -> float:
     if fix_type == RTK_FLOAT:
         return FLOAT_WHITE_M
     return min(DGPS_WHITE_M, p.gnss_white_floor_m) if fix_type == 4 else p.gnss_white_floor_m
+
+
+@step
+def datum_m2(sample: Rows) -> float:
+    """Variance of a constant error of the height's datum."""
+    sd_m = sample[0].datum_sd_m
+    return sd_m * sd_m if sd_m > 0.0 else 0.0
+
+
+@step
+def reported_m2(p: Record, sample: Rows) -> float:
+    """Reported variance of a fix, without the doubt in its datum."""
+    reported_m = gnss_sd_m(sample, 0.0, p.gnss_sd_unknown_m)
+    return max(0.0, reported_m * reported_m - datum_m2(sample))
 
 
 @step
@@ -99,19 +139,18 @@ def note_fix(gnss: Record, p: Record, sample: Rows, path_m: float) -> None:
 
 
 @step
-def white_m2(gnss: Record, p: Record, sample: Rows) -> float:
+def white_m2(gnss: Record, p: Record, sample: Rows, fix_type: int) -> float:
     """White variance of a fix: what the stream shows, within the reported spread."""
     shown_m = MEDIAN_TO_SD / math.sqrt(2.0) * gnss.median_m
-    reported_m = gnss_sd_m(sample, 0.0, p.gnss_sd_unknown_m)
-    return max(white_floor_m(p, sample[0].fix_type), min(shown_m, reported_m)) ** 2
+    reported_m = math.sqrt(reported_m2(p, sample))
+    return max(white_floor_m(p, fix_type), min(shown_m, reported_m)) ** 2
 
 
 @step
-def slow_m2(p: Record, sample: Rows, white: float) -> float:
+def slow_m2(p: Record, sample: Rows, fix_type: int, white: float) -> float:
     """Slow variance of a fix: the rest of the reported spread."""
-    reported_m = gnss_sd_m(sample, 0.0, p.gnss_sd_unknown_m)
-    floor_m = slow_floor_m(p, sample[0].fix_type)
-    return max(floor_m * floor_m, reported_m * reported_m - white)
+    floor_m = slow_floor_m(p, fix_type)
+    return max(floor_m * floor_m, reported_m2(p, sample) - white)
 
 
 @step

@@ -153,6 +153,8 @@ class VerticalBankSettings(EstimatorSettings):
     """probability of a sensor's faulty modes from which the sensor is named and excluded"""
     integrity_risk_probability: float = Field(1e-3, gt=0, lt=1)
     """chance that the error exceeds the protection level within an hour"""
+    alert_limit_m: float = Field(50.0, gt=0, le=10_000)
+    """protection level above which ALTITUDE stops, unless the receiver itself reports more"""
 
     def derived(self) -> Mapping[str, Any]:
         return {"crossings_per_h": 2.0 * 3600.0 / (math.sqrt(math.tau) * self.gnss_time_s)}

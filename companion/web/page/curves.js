@@ -77,9 +77,11 @@ class Curve {
       bottom = Math.min(bottom, quantile(low, 0.25));
       top = Math.max(top, quantile(high, 0.75));
     }
-    const isClipped = [values, low, high].some((list) => list.some((v) => v < bottom - 1e-9 || v > top + 1e-9));
     const pad = Math.max(0.06 * (top - bottom), 0.5 * (this.least - (top - bottom)), 1e-6);
-    return { bottom: bottom - pad, top: top + pad, isClipped };
+    bottom -= pad;
+    top += pad;
+    const isClipped = [values, low, high].some((list) => list.some((v) => v < bottom || v > top));
+    return { bottom, top, isClipped };
   }
 
   draw(rows, nowS, hoverS) {
@@ -134,7 +136,7 @@ class Curve {
     pen.strokeStyle = cssColour("--line");
     pen.lineWidth = 1;
     pen.textBaseline = "top";
-    const stepS = this.spanS / 5;
+    const stepS = this.spanS / (right - left < 420 ? 2 : 5);
     for (let ago = 0; ago <= this.spanS; ago += stepS) {
       const x = Math.round(this.x(nowS - ago)) + 0.5;
       pen.beginPath();

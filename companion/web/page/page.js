@@ -2,6 +2,7 @@
 // The live page: takes the server's events, shows the newest, says when it has none.
 
 const STALE_S = 3;
+const BROKEN_S = 1; // after a connection that has ended
 const RETRY_MS = 1000;
 const KEPT_ROWS = 1400;
 const SENSORS = {
@@ -205,7 +206,7 @@ function take(event) {
 function watch() {
   const silentS = (performance.now() - state.lastEvent) / 1000;
   const hasEvent = state.lastEvent > 0 && (state.ageS !== null || state.rows.length > 0);
-  const isLost = hasEvent && silentS > STALE_S;
+  const isLost = hasEvent && silentS > (state.source ? STALE_S : BROKEN_S);
   const isStalled = !isLost && state.ageS !== null && state.ageS + silentS > STALE_S;
   document.body.dataset.connection = !hasEvent ? "waiting" : isLost || isStalled ? "lost" : "live";
   text("connection-text", !hasEvent ? (state.lastEvent ? "the service starts" : "connecting") : isLost ? "not connected" : isStalled ? "service stalled" : "live");

@@ -483,6 +483,23 @@ def test_protection_level_covers_and_grows_with_a_smaller_risk() -> None:
     assert (safer["protection_level_m"] > estimates["protection_level_m"])[late].all()
 
 
+@pytest.mark.parametrize("claimed_m", [11.0, 19.0, 26.0])
+def test_a_receiver_that_reports_a_large_spread_is_published(claimed_m: float) -> None:
+    made = flight().change(Kind.GNSS, "vertical_sd_m", lambda _: claimed_m)
+    estimates, _, elapsed_s = fly(made)
+    late = elapsed_s > 10.0
+    assert (estimates["protection_level_m"] > 50.0)[late].any()
+    assert (estimates["protection_level_m"] <= estimates["alert_limit_m"])[late].all()
+
+
+def test_without_a_receiver_the_alert_limit_is_the_setting() -> None:
+    made = flight().change(Kind.GNSS, "vertical_sd_m", lambda _: 19.0).drop(Kind.GNSS, 100.0, 400.0)
+    estimates, _, elapsed_s = fly(made)
+    away = (elapsed_s > 110.0) & (elapsed_s < 290.0)
+    assert (estimates["alert_limit_m"][away] == 50.0).all()
+    assert (estimates["protection_level_m"] > 50.0)[away].all()
+
+
 @pytest.mark.parametrize("rate_per_h", [1e-1, 1e-3, 1e-5])
 def test_crossing_sigma_inverts_the_rate(rate_per_h: float) -> None:
     k, time_s = crossing_sigma(rate_per_h, 250.0), 250.0
@@ -506,3 +523,32 @@ def test_hours_of_the_model_are_estimated_consistently() -> None:
         assert not estimates["faulty"].any()
     assert 0.7 < np.mean(nees) < 1.4
     assert exceeded <= 2  # 0.03 allocated; the mixture's tails are heavier than its Gaussian
+
+
+def test_doubt_in_the_datum_widens_what_is_published_and_nothing_else() -> None:
+    made = flight()
+    doubted = made.copy()
+    doubted.tables[Kind.GNSS]["vertical_sd_m"] = np.hypot(1.5, 19.0)
+    doubted.tables[Kind.GNSS]["datum_sd_m"] = 19.0
+    one, _, elapsed_s = fly(made)
+    other, _, _ = fly(doubted)
+    late = elapsed_s > 10.0
+    np.testing.assert_allclose(other["altitude_amsl_m"], one["altitude_amsl_m"], atol=1e-6)
+    expected = np.hypot(one["altitude_sd_m"], 19.0)
+    np.testing.assert_allclose(other["altitude_sd_m"][late], expected[late], rtol=1e-6)
+    assert (other["protection_level_m"] <= other["alert_limit_m"])[late].all()
+
+
+@pytest.mark.parametrize("fix_type", [5, 6])
+def test_a_fix_of_a_better_type_that_swings_by_metres_counts_as_a_plain_one(fix_type: int) -> None:
+    """Over a metre to and fro in sixteen seconds, as in a recorded simulation that says RTK."""
+    made = flight()
+    gnss = made.tables[Kind.GNSS]
+    gnss["fix_type"], gnss["vertical_sd_m"] = fix_type, 0.3
+    elapsed_s = made.elapsed_s(gnss["time_us"])
+    gnss["altitude_amsl_m"] = made.truth_m(gnss["time_us"]) + 1.2 * np.sin(elapsed_s * 0.4)
+    assert FaultySensor.GNSS not in {fault for _, fault in exclusions(made)}
+    estimates, error, seconds = fly(made)
+    late = seconds > 60.0
+    assert rms(error[late]) < 2.5
+    assert (estimates["altitude_sd_m"][late] > 1.0).all()

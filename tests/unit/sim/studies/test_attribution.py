@@ -69,7 +69,7 @@ def test_a_case_is_judged_by_what_was_said() -> None:
     assert (row["max_error_m"], row["misleading_s"]) == (1.0, 3.0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_steps_on_a_simulated_flight(tmp_path) -> None:  # type: ignore[no-untyped-def]
     from sim.flight import Flight
     from sim.scenario import load_scenario

@@ -8,7 +8,7 @@ BIN    := $(VENV)/bin
 RETRY  := --reruns 2
 PIP    := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 
-.PHONY: lock help demo test test-slow test-long lint bench config-page clean
+.PHONY: lock messages-page help demo test test-slow test-long lint bench config-page clean
 
 help:            ## what can be made
 	@awk -F':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -44,6 +44,9 @@ lock:            ## write the pinned versions and hashes of the images anew (doc
 	$(LOCK) --upgrade --extra sim --no-emit-package jsbsim -c docker/companion.lock pyproject.toml -o docker/sim.lock
 	echo 'jsbsim>=1.2.3' | $(LOCK) --upgrade --no-deps - -o docker/jsbsim.lock
 	echo 'hatchling>=1.25' | $(LOCK) --upgrade - -o docker/build.lock
+
+messages-page: $(VENV)/.sim ## write docs/messages.md anew from the code
+	@$(BIN)/python -m companion.message_page > docs/messages.md
 
 bench: $(VENV)/.dev     ## latency, load, memory, start-up, simulator speed: ratios within one run
 	$(BIN)/python -m tests.bench

@@ -13,7 +13,7 @@ These conditions hold on the vehicle's clock, so that a simulation at twenty tim
 the same. What stops the vehicle's clock is seen on the host's: `HealthMonitor.age`.
 
 A turn for the worse takes effect at once (its conditions already wait), one for the better after
-``recover_s``.
+``recover_s``, or half of it where the vehicle was only silent.
 """
 
 import math
@@ -84,6 +84,8 @@ class HealthMonitor:
         self._usable_us: int | None = None
         """the host's clock at the newest frame, barometer or GNSS sample, and used sample of
         them"""
+        self._silenced = False
+        """whether it is LOST only because the vehicle fell silent"""
         self.restart()
 
     def restart(self) -> None:
@@ -132,6 +134,7 @@ class HealthMonitor:
         no_height = bool(self._needed) and host_us - self._height_us > silent_us
         if host_us - self._alive_us > (0.5 * silent_us if no_height else silent_us):
             heard = others()
+            self._silenced = self._silenced or self.health is not Health.LOST
             return self.lose(f"vehicle silent, heard: {heard}" if heard else "nothing heard")
         if no_height:
             return self.lose("vehicle heard, but no barometer and no GNSS")
@@ -152,17 +155,24 @@ class HealthMonitor:
         """
         self._assessed_us = now_us
         health, reason = self._judge(now_us, estimate, objection)
+        self._silenced = self._silenced and self.has_altitude
         if health >= self.health:
             self._better_since_us = None
         else:
             if self._better_since_us is None or self._better_since_us > now_us:
                 self._better_since_us = now_us
-            if now_us - self._better_since_us < self._settings.recover_s * 1e6:
+            if now_us - self._better_since_us < self._recovery_us:
                 return False
-            self._better_since_us = None
+            self._better_since_us, self._silenced = None, False
         changed = health is not self.health
         self.health, self.reason = health, reason
         return changed
+
+    @property
+    def _recovery_us(self) -> float:
+        """How long a turn for the better must last: half as long after a mere silence, such as a
+        cable that was unplugged, since nothing spoke against the height then."""
+        return self._settings.recover_s * (0.5e6 if self._silenced else 1e6)
 
     def lose(self, reason: str) -> bool:
         """Health is LOST by the host's clock; True when it changed."""

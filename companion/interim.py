@@ -9,7 +9,9 @@ until `Interim.stop` hands the link over to the service.
 
 import logging
 import math
+import sys
 import threading
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -33,6 +35,8 @@ from companion.mavlink.signing import SigningSettings
 logger = logging.getLogger("kollsman.service")
 
 POLL_S = 0.1
+SWITCH_S = 0.0005
+DRAIN_S = 1.0
 HEARTBEAT_US = 1_000_000
 PATIENCE_US = 1_500_000
 """how long an autopilot that may send ALTITUDE itself is listened to first"""
@@ -114,16 +118,27 @@ class Interim:
         self._heartbeat_us = self._followed_us = -HEARTBEAT_US
         self._vehicle_altitude_us = -VEHICLE_ALTITUDE_US
         self._origin_m = math.nan
+        self._usual_s = sys.getswitchinterval()
         self._done = threading.Event()
         self._thread = threading.Thread(target=self._work, name="interim", daemon=True)
 
     def start(self) -> None:
+        """Begin. Python's threads take turns more often meanwhile: loading must not hold back what
+        arrives."""
+        self._usual_s = sys.getswitchinterval()
+        sys.setswitchinterval(SWITCH_S)
         self._thread.start()
 
     def stop(self) -> None:
-        """End the thread; the link is free then."""
+        """End the thread; the link is free then, and holds nothing old."""
+        if self._done.is_set():
+            return
         self._done.set()
         self._thread.join()
+        sys.setswitchinterval(self._usual_s)
+        end_s = time.monotonic() + DRAIN_S
+        while self._link.receive(0.0) and time.monotonic() < end_s:
+            pass
 
     def turn(self, timeout_s: float) -> None:
         """Wait for bytes at most `timeout_s`, and do what is due."""

@@ -220,8 +220,8 @@ def compare(
     compile_first(settings, *names)
 
     from companion.evaluation import compare as comparing
-    from companion.evaluation import comparison_plots as plots
     from companion.evaluation import table as comparing_table
+    from companion.plots import comparison as plots
     from companion.replay.findings import utc
     from companion.replay.schema import document
 

@@ -27,7 +27,7 @@ def warm_up(settings: CompanionSettings) -> None:
             mavlink.MAVLink_raw_imu_message(boot_ms * 1000, 0, 0, -1000, 0, 0, 0, 0, 0, 0),
             mavlink.MAVLink_scaled_pressure_message(boot_ms, 1013.25, 0.0, 2500),
             mavlink.MAVLink_gps_raw_int_message(
-                boot_ms * 1000, 3, 1, 1, 0, 100, 150, 0, 0, 10, 0, 1000, 2000, 100, 0
+                boot_ms * 1000, 3, 1, 1, 500, 100, 150, 0, 0, 10, 17_500, 1000, 2000, 100, 0
             ),
         ]
         for message in messages:

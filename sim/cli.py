@@ -215,7 +215,8 @@ def demo(
         )
     picture = out / f"{scenario}.png"
     show.plot(collector, picture, f"{scenario}: what each source says, and by how much it is wrong")
-    print(f"\nplot: {picture}\nlog:  {tlog} (try: kollsman replay {tlog})")
+    print(f"\nplot:   {picture}\nlog:    {tlog} (try: kollsman replay {tlog})", flush=True)
+    print(f"report: {show.report(tlog, scenario)} (open it in a browser)")
 
 
 app.command(epilog=fleet.CAMPAIGN_EXAMPLES)(fleet.campaign)

@@ -1,14 +1,19 @@
 """Endurance: cycles of disturbances against the service on a serial line, in real time.
 
-    python -m tests.endurance --cycles 1000            # about an hour for each 800 cycles
+    python -m tests.endurance --cycles 6000 --page     # 1000 of each kind, some seven hours
     python -m tests.endurance --cycles 50 --kind unplug --kind junk
 
+Every cycle is a line in out/endurance/cycles.jsonl; a run that was stopped continues there
+(`--anew` starts over). `--page` writes the figures of all that is there to docs/endurance.md, with
+those of `python -m tests.fuzz all`.
+
 Reported for each kind: recovery (from the end of the disturbance until the vehicle hears ALTITUDE
-again; median and 99th percentile), altitudes further than `WRONG_M` from the truth, and for the
-whole run the growth of the resident memory. A crash ends the run with its traceback.
+again; median and 99th percentile), altitudes further than `WRONG_M` from the truth, and for each
+run the growth of the resident memory. A crash ends the run with its traceback.
 """
 
 import argparse
+import json
 import random
 import resource
 import sys
@@ -16,6 +21,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -26,10 +32,14 @@ from companion.service import Service
 from companion.settings import CompanionSettings
 from companion.warmup import warm_up
 from tests.live import LiveVehicle, Pty, accept, until
+from tests.paths import ROOT
 from tests.vehicle import ALTITUDE_M, attitude
 
 WRONG_M = 10.0
 PATIENCE_S = 40.0
+RECORD = ROOT / "out" / "endurance" / "cycles.jsonl"
+FUZZED = ROOT / "out" / "endurance" / "fuzz.json"
+PAGE = ROOT / "docs" / "endurance.md"
 
 
 class Bench:
@@ -121,36 +131,87 @@ KINDS: dict[str, Callable[[Bench], None]] = {
 }
 
 
-def run(cycles: int, kinds: list[str], seed: int = 0) -> int:
-    """Print the table; the number of wrong altitudes."""
+@dataclass(frozen=True)
+class Cycle:
+    """One disturbance."""
+
+    kind: str
+    recovery_s: float
+    wrong: int
+    """altitudes that were wrong"""
+    rss_mb: float
+    growth: float
+    """of the resident memory since the start of this run, a share"""
+
+
+def run(cycles: int, kinds: list[str], seed: int, record: Path) -> list[Cycle]:
+    """Run what is missing of `cycles`; all of them, those of earlier runs too."""
+    done = cycles_of(record)
+    todo = [kinds[number % len(kinds)] for number in range(len(done), cycles)]
+    if not todo:
+        return done
     warm_up(CompanionSettings())
-    found: dict[str, list[float]] = {kind: [] for kind in kinds}
-    wrong = dict.fromkeys(kinds, 0)
-    with tempfile.TemporaryDirectory() as folder:
-        bench = Bench(Path(folder), seed)
+    record.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as folder, record.open("a", encoding="ascii") as lines:
+        bench = Bench(Path(folder), seed + len(done))
         bench.recovered_s()
         before_kb = rss_kb()
-        for number in range(cycles):
-            kind = kinds[number % len(kinds)]
+        for kind in todo:
             bench.vehicle.heard.clear()
             KINDS[kind](bench)
-            found[kind].append(bench.recovered_s())
+            recovery_s = bench.recovered_s()
             heights = [message.altitude_amsl for message in bench.vehicle.messages("ALTITUDE")]
-            wrong[kind] += sum(abs(height - ALTITUDE_M) > WRONG_M for height in heights)
-        after_kb = rss_kb()
+            wrong = sum(abs(height - ALTITUDE_M) > WRONG_M for height in heights)
+            after_kb = rss_kb()
+            done.append(Cycle(kind, recovery_s, wrong, after_kb / 1024, after_kb / before_kb - 1.0))
+            lines.write(json.dumps(asdict(done[-1])) + "\n")
+            lines.flush()
+            sys.stderr.write(f"\r{len(done)}/{cycles} {kind}: {recovery_s:.2f} s, {wrong} wrong  ")
         bench.close()
+    sys.stderr.write("\n")
+    return done
+
+
+def cycles_of(record: Path) -> list[Cycle]:
+    """The cycles of earlier runs."""
+    if not record.exists():
+        return []
+    lines = record.read_text(encoding="ascii").splitlines()
+    return [Cycle(**json.loads(line)) for line in lines if line.endswith("}")]
+
+
+def table(cycles: list[Cycle]) -> str:
+    """The figures, in Markdown."""
     lines = [
         "| disturbance | cycles | recovery p50 s | p99 s | wrong altitudes |",
         "|---|---|---|---|---|",
     ]
-    for kind, times in found.items():
-        if times:
-            p50, p99 = np.percentile(times, [50, 99])
-            lines.append(f"| {kind} | {len(times)} | {p50:.2f} | {p99:.2f} | {wrong[kind]} |")
-    growth = 100 * (after_kb / before_kb - 1)
-    lines.append(f"\nresident memory {before_kb / 1024:.0f} MB, {growth:+.1f} %; 0 crashes")
-    sys.stdout.write("\n".join(lines) + "\n")
-    return sum(wrong.values())
+    for kind in sorted({cycle.kind for cycle in cycles}):
+        own = [cycle for cycle in cycles if cycle.kind == kind]
+        p50, p99 = np.percentile([cycle.recovery_s for cycle in own], [50, 99])
+        wrong = sum(cycle.wrong for cycle in own)
+        lines.append(f"| {kind} | {len(own)} | {p50:.2f} | {p99:.2f} | {wrong} |")
+    largest = max((cycle.growth for cycle in cycles), default=0.0)
+    rss_mb = cycles[-1].rss_mb if cycles else 0.0
+    lines.append(f"\nResident memory {rss_mb:.0f} MB, largest growth {100 * largest:+.1f} %.")
+    return "\n".join(lines) + "\n"
+
+
+def write_page() -> None:
+    """docs/endurance.md: what was measured so far."""
+    fuzzed = json.loads(FUZZED.read_text(encoding="ascii")) if FUZZED.exists() else {}
+    rows = [f"| {name} | {runs} | {seconds} | 0 |" for name, (runs, seconds) in fuzzed.items()]
+    fuzz = ["| target | inputs | seconds | findings |", "|---|---|---|---|", *rows]
+    PAGE.write_text(
+        "# Endurance\n\nWritten by `python -m tests.endurance --page`, not by hand.\n\n"
+        "The service on a serial line, disturbed again and again. Recovery is the time from the "
+        "end of\nthe disturbance until the vehicle hears two ALTITUDE again; wrong is more than "
+        f"{WRONG_M:g} m from the truth.\n\n{table(cycles_of(RECORD))}\n"
+        "## Fuzzing\n\nCoverage-guided (atheris), `python -m tests.fuzz all`.\n\n"
+        + "\n".join(fuzz)
+        + "\n",
+        encoding="utf-8",
+    )
 
 
 def rss_kb() -> int:
@@ -164,5 +225,13 @@ if __name__ == "__main__":
     parser.add_argument("--cycles", type=int, default=60)
     parser.add_argument("--kind", action="append", choices=KINDS, default=None)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--anew", action="store_true", help="forget the cycles of earlier runs")
+    parser.add_argument("--page", action="store_true", help="write docs/endurance.md")
     options = parser.parse_args()
-    sys.exit(bool(run(options.cycles, options.kind or list(KINDS), options.seed)))
+    if options.anew:
+        RECORD.unlink(missing_ok=True)
+    found = run(options.cycles, options.kind or list(KINDS), options.seed, RECORD)
+    sys.stdout.write(table(found))
+    if options.page:
+        write_page()
+    sys.exit(any(cycle.wrong for cycle in found))

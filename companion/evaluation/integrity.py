@@ -13,7 +13,6 @@ hazardously misleading.
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -144,63 +143,3 @@ def regions(error_m: Array, level_m: Array, alert_limit_m: float = ALERT_LIMIT_M
     hazardous = within & (size > alert_limit_m)
     shares = (covered & within, covered & ~within, ~covered & ~hazardous, hazardous)
     return Regions(*(float(np.mean(share)) for share in shares))
-
-
-LABEL_BOX = {"facecolor": "white", "alpha": 0.8, "edgecolor": "none", "pad": 1.0}
-"""so that a label can be read where the counts are"""
-
-
-def draw_stanford(
-    axes: Any, error_m: Array, level_m: Array, alert_limit_m: float = ALERT_LIMIT_M
-) -> None:
-    """The diagram on Matplotlib `axes`: a histogram whose colours are logarithms of counts."""
-    from matplotlib.colors import LogNorm
-
-    known = np.isfinite(error_m) & np.isfinite(level_m)
-    size, level = np.abs(error_m[known]), level_m[known]
-    top = max(
-        1.2 * alert_limit_m,
-        float(np.max(size, initial=0.0)),
-        float(np.quantile(level, 0.999, method="higher")),
-    )
-    found = regions(error_m, level_m, alert_limit_m)
-    axes.hist2d(
-        size,
-        level,
-        bins=120,
-        range=((0.0, top), (0.0, top)),
-        norm=LogNorm(),
-        cmap="viridis",
-        rasterized=True,
-    )
-    axes.plot([0.0, top], [0.0, top], color="black", linewidth=0.8)
-    axes.axhline(alert_limit_m, color="#b8403a", linewidth=0.8)
-    axes.plot([alert_limit_m, alert_limit_m], [0.0, alert_limit_m], color="#b8403a", linewidth=0.8)
-    labels = (
-        (0.02, 0.98, "top", "unavailable", found.unavailable),
-        (0.02, alert_limit_m / top - 0.02, "top", "available", found.available),
-        (0.45 * alert_limit_m / top, 0.03, "bottom", "misleading", found.misleading),
-        (alert_limit_m / top + 0.01, 0.03, "bottom", "hazardous", found.hazardous),
-    )
-    for x, y, side, name, share in labels:
-        label = f"{name}\n{100 * share:.3g} %"
-        axes.text(x, y, label, transform=axes.transAxes, va=side, fontsize=8, bbox=LABEL_BOX)
-    axes.set(
-        xlabel="|altitude error| (m)",
-        ylabel="protection level (m)",
-        xlim=(0.0, top),
-        ylim=(0.0, top),
-    )
-
-
-def plot_stanford(
-    path: Path, title: str, error_m: Array, level_m: Array, alert_limit_m: float = ALERT_LIMIT_M
-) -> None:
-    """The diagram as an image file."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6.0, 5.5), layout="constrained")
-    axes = figure.subplots()
-    draw_stanford(axes, error_m, level_m, alert_limit_m)
-    axes.set_title(title)
-    figure.savefig(path, dpi=110)

@@ -1,6 +1,6 @@
 """The DEBUG family: NAMED_VALUE_FLOAT, DEBUG, DEBUG_VECT and DEBUG_FLOAT_ARRAY.
 
-`NAMED` is the table that makes the messages and docs/messages.md.
+`NAMED` is the table that makes the messages and a part of docs/messages.md.
 """
 
 import math
@@ -53,19 +53,6 @@ NAMED: Mapping[str, Named] = {
     ),
 }
 HEALTH_NAME = "klHealth"
-OTHERS = (
-    ("ALTITUDE", "m", "altitude and heights, the vehicle's own in LOST (`publish.altitude`)"),
-    ("HEARTBEAT", "", "1 Hz, component 191; system_status CRITICAL in LOST"),
-    ("STATUSTEXT", "", "changes of health and of the excluded sensor, problems of streams"),
-    (f"NAMED_VALUE_FLOAT {HEALTH_NAME}", "", "health: 0 OK, 1 DEGRADED, 2 LOST"),
-    ("DEBUG 0", "m", "standard deviation of the altitude"),
-    ("DEBUG_VECT kollsman", "m, m/s, m", "altitude, climb rate, standard deviation"),
-    (
-        "DEBUG_FLOAT_ARRAY klState",
-        "",
-        "state of the estimator in the order of its record; the last is the protection level in m",
-    ),
-)
 
 
 def debug_messages(
@@ -90,14 +77,6 @@ def debug_messages(
     ]
 
 
-def message_table() -> str:
-    """Every message that we send, as a table in Markdown."""
-    named = [(f"NAMED_VALUE_FLOAT {name}", row.unit, row.meaning) for name, row in NAMED.items()]
-    lines = ["| message | unit | meaning |", "|---|---|---|"]
-    lines += [f"| `{name}` | {unit} | {text} |" for name, unit, text in (*OTHERS, *named)]
-    return "\n".join(lines) + "\n"
-
-
 def state_floats(state: Rows) -> list[float]:
     """The floats of an estimator's state in the order of its dtype, histories left out; 58 of them,
     zero-filled."""
@@ -114,9 +93,27 @@ def _floats(state: Rows) -> list[float]:
     for name, (kind, *_) in (state.dtype.fields or {}).items():
         if kind.base.kind == "V":
             found += _floats(state[name])
-        elif kind.base.kind == "f" and (not kind.shape or kind.shape[0] <= LONGEST_ARRAY):
+        elif _is_shown(kind):
             found += np.ravel(state[name][0]).tolist()
     return found
+
+
+def state_labels(state: np.dtype[Any], prefix: str = "") -> list[str]:
+    """The name of each float of `state_floats`, before its filling with zeros."""
+    found: list[str] = []
+    for name, (kind, *_) in (state.fields or {}).items():
+        label = f"{prefix}{name}"
+        if kind.base.kind == "V":
+            found += state_labels(kind.base, f"{label}.")
+        elif _is_shown(kind) and kind.shape:
+            found += [f"{label}[{', '.join(map(str, at))}]" for at in np.ndindex(kind.shape)]
+        elif _is_shown(kind):
+            found.append(label)
+    return found
+
+
+def _is_shown(kind: np.dtype[Any]) -> bool:
+    return kind.base.kind == "f" and (not kind.shape or kind.shape[0] <= LONGEST_ARRAY)
 
 
 def _single(value: float) -> float:

@@ -109,8 +109,9 @@ def tell_clipped(axes: Any, values: Sequence[Array], unit: str = "m") -> None:
     told = [f"{each:.0f} {unit}" for each in (lowest, highest) if not low <= each <= high]
     if told:
         text = f"axis clipped; values reach {' and '.join(told)}"
-        place = {"transform": axes.transAxes, "ha": "right", "va": "bottom"}
-        axes.text(0.995, 0.02, text, fontsize=7, color=style.WARNING, **place)
+        place = {"transform": axes.transAxes, "ha": "right", "va": "bottom", "zorder": 9}
+        box = {"facecolor": style.PAPER, "alpha": 0.85, "edgecolor": "none", "pad": 1.5}
+        axes.text(0.995, 0.02, text, fontsize=7, color=style.WARNING, bbox=box, **place)
 
 
 def draw_flight(path: Path, title: str, findings: Sequence[Mapping[str, str]], curves: Any) -> None:

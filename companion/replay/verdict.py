@@ -19,6 +19,8 @@ LONG_EXCLUSION_S = 5.0
 MOST_EXCLUSIONS = 4
 """exclusions of one sensor with a sentence each; more are told together"""
 MOST_NOTES = 4
+LARGER = 1.2
+"""an error that is so many times as large as reported is told"""
 SHORT_S = 60.0
 """a shorter session is too short to judge drift and accuracy"""
 CHANGE_M = 3.0
@@ -88,13 +90,22 @@ def _altitude(found: dict[str, Any]) -> Iterator[Finding]:
     if lost >= 0.01:
         yield _say("warning", f"The altitude was lost for {lost:.0%} of the session.")
     if math.isfinite(sd_m):
-        level = "good" if 2.0 * sd_m < WRONG_M else "warning"
-        yield _say(level, f"Altitude is known within {2.0 * sd_m:.1f} m (95 %).")
+        yield _known_within(found, 2.0 * sd_m)
+    yield from _short(found)
+
+
+def _known_within(found: dict[str, Any], within_m: float) -> Finding:
+    """What the estimator says of its altitude; what the truth says, where that is worse."""
     if found["reference"]["kind"] == "truth" and "published" in found["sources"]:
         p95_m = found["sources"]["published"]["p95_m"]
-        if p95_m > 2.0 * sd_m:
-            yield _say("warning", f"Its error against the truth was larger: {p95_m:.1f} m (95 %).")
-    yield from _short(found)
+        if p95_m > LARGER * within_m:
+            return _say(
+                "warning",
+                f"Altitude was reported to be known within {within_m:.1f} m (95 %); "
+                f"the error was {p95_m:.1f} m.",
+            )
+    level = "good" if within_m < WRONG_M else "warning"
+    return _say(level, f"Altitude is known within {within_m:.1f} m (95 %).")
 
 
 def _short(found: dict[str, Any]) -> Iterator[Finding]:
@@ -164,7 +175,7 @@ def _parting(found: dict[str, Any]) -> Iterator[Finding]:
     seconds = end_s - parted["from_s"]
     text = (
         f"GNSS and barometer parted by {parted['off_m']:+.0f} m in {seconds:.0f} s, "
-        f"{_when(parted)}, more than weather can make"
+        f"{_when(parted)}, faster than weather usually does"
     )
     who = {"gnss": "GNSS was wrong", "barometer": "the barometer was wrong"}
     yield _say("bad", f"{text}: {who.get(parted['sensor'] or '', 'one of them was wrong')}.")
@@ -196,7 +207,7 @@ def _exclusions(found: dict[str, Any]) -> Iterator[Finding]:
 def _excluded(name: str, span: dict[str, Any]) -> str:
     when, lasted = _when(span), f"was excluded for {span['duration_s']:.0f} s"
     off_m, step_m = span["off_m"], span["step_m"]
-    if not (math.isfinite(off_m) and abs(off_m) >= 1.0):
+    if not (math.isfinite(off_m) and abs(off_m) >= DRIFT_M):
         return f"{name} {lasted}, {when}."
     if math.isfinite(step_m) and abs(step_m) >= 0.5 * abs(off_m):
         return f"{name} jumped {step_m:+.0f} m {when} and {lasted}."

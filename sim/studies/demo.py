@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from companion.errors import SimulationError
-from companion.evaluation.metrics import Errors
+from companion.evaluation.metrics import Errors, truth_at
 from companion.evaluation.report import Collector
 from companion.kernels.atmosphere import baro_altitude_m
 from companion.links import open_link
@@ -24,6 +24,11 @@ from companion.logs.tlog import TlogReader
 from companion.mavlink.codec import Decoder, mavlink
 from companion.mavlink.identity import OUR_COMPONENT_ID
 from companion.pipeline import Pipeline
+from companion.plots.drawing import GAP_S, figure, legend_outside, tell_clipped, unbroken, write_png
+from companion.plots.ranges import error_range
+from companion.plots.style import INK, SOURCES
+from companion.replay.reports import write_reports
+from companion.replay.run import replay
 from companion.settings import CompanionSettings
 from sim.flight import Flight, Progress
 from sim.scenario import load_scenario
@@ -181,6 +186,12 @@ def judge(tlog: Path) -> Collector:
     return collector
 
 
+def report(tlog: Path, scenario: str) -> Path:
+    """Replay the log, and write its flight report beside it; the page."""
+    page = tlog.with_suffix(".html")
+    return write_reports(replay(tlog), page, scenario)[0]
+
+
 def errors(collector: Collector) -> dict[str, Errors]:
     """Errors of each source, by label."""
     found = {label: collector.errors(name) for name, label in LABELS.items()}
@@ -189,34 +200,24 @@ def errors(collector: Collector) -> dict[str, Errors]:
 
 def plot(collector: Collector, path: Path, title: str) -> None:
     """The flight above, the errors of each source below."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    import matplotlib.pyplot as plt
-
-    from companion.evaluation.metrics import truth_at
-
     truth_us, truth_m = collector.track("truth")
-    figure, (above, below) = plt.subplots(
-        2, 1, figsize=(9, 6.5), sharex=True, height_ratios=(2, 3), layout="constrained"
-    )
-    above.plot(truth_us / 60e6, truth_m, color="black", linewidth=1.5, label="truth")
-    styles = {
-        "baro": ("tab:orange", 1.2),
-        "autopilot": ("tab:purple", 1.2),
-        "gnss": ("tab:gray", 0.5),
-    }
-    for name, (color, width) in (styles | {"published": ("tab:blue", 1.2)}).items():
-        times_us, values = collector.track(name)
-        error = values - truth_at(times_us, truth_us, truth_m)
-        below.plot(times_us / 60e6, error, color=color, linewidth=width, label=LABELS[name])
-        if name in {"baro", "published"}:
-            above.plot(times_us / 60e6, values, color=color, linewidth=1, label=LABELS[name])
-    above.set(ylabel="altitude AMSL (m)", title=title)
-    below.set(xlabel="time since boot (min)", ylabel="error (m)")
-    below.axhline(0, color="black", linewidth=0.8)
-    for axes in (above, below):
-        axes.grid(alpha=0.3)
-        axes.legend(loc="best", fontsize=8)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    with figure(2, panel_in=3.0, sharex=True, height_ratios=(2, 3)) as (canvas, (above, below)):
+        above.plot(truth_us / 60e6, truth_m, **SOURCES["truth"].matplotlib())
+        errors_m = []
+        for name in ("gnss", "baro", "autopilot", "published"):
+            times_us, values = collector.track(name)
+            options = SOURCES[name].matplotlib() | {"label": LABELS[name]}
+            errors_m.append(values - truth_at(times_us, truth_us, truth_m))
+            below.plot(*unbroken(times_us / 60e6, errors_m[-1], GAP_S / 60.0), **options)
+            if name in {"baro", "published"}:
+                above.plot(times_us / 60e6, values, **options)
+        canvas.suptitle(title, x=0.01, ha="left", fontsize=10)
+        above.set_title("altitude above mean sea level (m)")
+        below.set_title("error (m)")
+        below.set_xlabel("time since boot (min)")
+        below.axhline(0, color=INK, linewidth=0.8)
+        below.set_ylim(*error_range(errors_m, 15.0, head_room=0.1))
+        tell_clipped(below, errors_m)
+        legend_outside(above)
+        legend_outside(below)
+        write_png(canvas, path)

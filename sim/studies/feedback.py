@@ -20,6 +20,8 @@ from companion.feedback import Feedback, FeedbackSettings, Mark
 from companion.jobs import Row, results
 from companion.links.memory import pair
 from companion.pipeline import Pipeline
+from companion.plots.drawing import figure, legend_outside, write_png
+from companion.plots.style import FUSED, INERTIAL, OTHER, TRUTH
 from companion.samples import Packet
 from companion.settings import CompanionSettings
 from sim import BOOT_UNIX_US
@@ -286,23 +288,21 @@ def _slug(name: str) -> str:
 
 def _draw(case: Case, before: list[Row], after: list[Row], path: Path) -> None:
     """Error of the autopilot's own altitude, and the correction, over time."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(8.0, 3.2), layout="constrained")
-    axes = figure.add_subplot()
-    for rows, colour, label in ((before, "0.55", "without"), (after, "tab:blue", "with feedback")):
-        times = [row["time_s"] / 60.0 for row in rows]
-        axes.plot(times, [row["own_m"] - row["true_m"] for row in rows], color=colour, label=label)
-    axes.plot(
-        [row["time_s"] / 60.0 for row in after],
-        [row["raised_m"] for row in after],
-        color="tab:orange",
-        linestyle=":",
-        label="BARO_ALT_OFFSET",
-    )
-    axes.axhline(0.0, color="0.8", linewidth=0.8, zorder=0)
-    axes.set_title(f"{case.name}: error of the autopilot's own altitude", fontsize=10)
-    axes.set_xlabel("time, minutes")
-    axes.set_ylabel("m")
-    axes.legend(fontsize=8, frameon=False)
-    figure.savefig(path, dpi=110, metadata={"Software": None})
+    title = f"{case.name}: error of the autopilot's own altitude (m)"
+    with figure(1, panel_in=3.2) as (canvas, (axes,)):
+        for rows, colour, label in ((before, INERTIAL, "without"), (after, FUSED, "with feedback")):
+            times = [row["time_s"] / 60.0 for row in rows]
+            errors_m = [row["own_m"] - row["true_m"] for row in rows]
+            axes.plot(times, errors_m, color=colour, label=label)
+        axes.plot(
+            [row["time_s"] / 60.0 for row in after],
+            [row["raised_m"] for row in after],
+            color=OTHER,
+            linestyle=":",
+            label="BARO_ALT_OFFSET",
+        )
+        axes.axhline(0.0, color=TRUTH, linewidth=0.8, zorder=0)
+        axes.set_title(title)
+        axes.set_xlabel("time (min)")
+        legend_outside(axes)
+        write_png(canvas, path)

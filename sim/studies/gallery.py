@@ -13,26 +13,18 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from companion import __version__
 from companion.errors import SimulationError
 from companion.estimators import DEFAULT_ESTIMATOR
 from companion.evaluation.compare import Comparison, Result, Series
-from companion.evaluation.metrics import Array, truth_at
-from companion.evaluation.samples import BOOT_US
-from companion.plots.style import BARO, GNSS, INERTIAL, TRUTH
+from companion.plots.comparison import PANEL_IN, PANELS, draw_comparison
 from sim import BOOT_UNIX_US
 from sim.studies.campaign import Job, fly
 from sim.studies.fault_windows import FaultWindow, fault_windows
-from sim.studies.page import ESTIMATOR_COLOURS, Page, Value, markdown_table
+from sim.studies.page import Page, Value, markdown_table
 from sim.studies.runs import run
 
 PAGE = "README"
-RAW_COLOURS = {"raw barometer": BARO, "raw GNSS": GNSS, "autopilot's own": INERTIAL}
-_PANEL_IN = 1.7
-_GAP_MIN = 5.0 / 60.0
 
 
 @dataclass(frozen=True)
@@ -141,106 +133,13 @@ RMSE (m) of one flight each:"""
 
 
 def _draw(page: Page, found: Comparison, harmed: Sequence[FaultWindow]) -> None:
-    estimated = [each for each in found.series if each.label in ESTIMATOR_COLOURS]
-    raw = [each for each in found.series if each.label in RAW_COLOURS]
-    minutes = _Minutes(found.truth_us)
-    with page.figure(
-        "flight", f"{page.slug}: altitude and errors", rows=3, panel_in=_PANEL_IN, sharex=True
-    ) as axes:
-        for each in raw:
-            axes[0].plot(
-                *_line(minutes(each.times_us), each.altitude_m),
-                color=RAW_COLOURS[each.label],
-                linewidth=0.8,
-            )
-        axes[0].plot(*_line(minutes(found.truth_us), found.truth_m), color=TRUTH, label="truth")
-        axes[0].set_ylim(*_profile_range(found.truth_m, raw))
-        axes[0].set_title("altitude above mean sea level (m)")
-        for panel, group, colours in (
-            (axes[1], raw, RAW_COLOURS),
-            (axes[2], estimated, ESTIMATOR_COLOURS),
-        ):
-            errors = {each.label: _error(each, found) for each in group}
-            for each in group:
-                ours = each.label == DEFAULT_ESTIMATOR
-                panel.plot(
-                    *_line(minutes(each.times_us), errors[each.label]), color=colours[each.label],
-                    label=each.label, linewidth=1.3 if ours else 0.8, zorder=3 if ours else 2,
-                )  # fmt: skip
-            panel.set_ylim(
-                *_error_range(list(errors.values()), at_least_m=150.0 if panel is axes[1] else 15.0)
-            )
-        axes[1].set_title("error of what the vehicle sends (m)")
-        axes[2].set_title("error of the estimators (m)")
-        axes[2].set_xlabel("time since boot (min)")
-        end_min = float(minutes(found.truth_us)[-1])
-        for panel in axes:
-            for window in harmed:
-                begin_min, until_min = (
-                    (us - BOOT_UNIX_US) / 60e6 for us in (window.onset_us, window.end_us)
-                )
-                panel.axvspan(begin_min, min(until_min, end_min), color="#f3e3df", zorder=0)
-            if panel.get_legend_handles_labels()[1]:
-                panel.legend(loc="upper left", ncols=4, fontsize=7)
-
-
-def _line(minutes: Array, values: Array) -> tuple[Array, Array]:
-    """In order of time, and broken where nothing came for `_GAP_MIN`: what is from before a reboot
-    but arrives later is left out."""
-    forward = minutes >= np.maximum.accumulate(minutes)
-    minutes, values = minutes[forward], values[forward]
-    gaps = np.flatnonzero(np.diff(minutes) > _GAP_MIN) + 1
-    return np.insert(minutes, gaps, np.nan), np.insert(values, gaps, np.nan)
-
-
-class _Minutes:
-    """Times of a log with several boots (`BOOT_US` apart) as minutes since the first one, without
-    the gaps."""
-
-    def __init__(self, truth_us: Array) -> None:
-        boots, since_us = _boots(truth_us)
-        ends_us = [float(since_us[boots == boot].max()) for boot in range(boots.max())]
-        self._before_us = np.concatenate([[0.0], np.cumsum(ends_us)])
-
-    def __call__(self, times_us: Array) -> Array:
-        boots, since_us = _boots(times_us)
-        minutes: Array = (since_us + self._before_us[boots]) / 60e6
-        return minutes
-
-
-def _boots(times_us: Array) -> tuple[NDArray[np.int64], Array]:
-    """Number of each time's boot, and the time since then; what was true before a boot is a little
-    negative."""
-    boots = np.rint(times_us / BOOT_US).astype(np.int64)
-    return boots, times_us - boots * float(BOOT_US)
-
-
-def _error(series: Series, found: Comparison) -> Array:
-    return series.altitude_m - truth_at(series.times_us, found.truth_us, found.truth_m)
-
-
-def _profile_range(truth_m: Array, raw: Sequence[Series]) -> tuple[float, float]:
-    """All of the truth, and what the sensors say of it unless that is absurd."""
-    low, high = float(truth_m.min()), float(truth_m.max())
-    room_m = 0.3 * (high - low) + 20.0
-    for each in raw:
-        lowest, highest = (float(np.nanpercentile(each.altitude_m, share)) for share in (0.5, 99.5))
-        low, high = min(low, max(lowest, low - room_m)), max(high, min(highest, high + room_m))
-    return low - 0.05 * (high - low), high + 0.25 * (high - low)
-
-
-def _error_range(errors: Sequence[Array], at_least_m: float) -> tuple[float, float]:
-    """Room for 98 % of each line's errors up to three times the middle line's or `at_least_m`, and
-    for the legend."""
-    known = [each[np.isfinite(each)] for each in errors]
-    ends = [np.quantile(each, (0.01, 0.99)) for each in known if each.size]
-    if not ends:
-        return -1.0, 1.0
-    spans = sorted(max(-low, high) for low, high in ends)
-    limit = max(at_least_m, 3.0 * spans[len(spans) // 2])
-    low = max(-limit, min(-1.0, *(low for low, _ in ends)))
-    high = min(limit, max(1.0, *(high for _, high in ends)))
-    return low - 0.1 * (high - low), high + 0.35 * (high - low)
+    caption = f"{page.slug}: altitude and errors"
+    windows_min = [
+        ((each.onset_us - BOOT_UNIX_US) / 60e6, (each.end_us - BOOT_UNIX_US) / 60e6)
+        for each in harmed
+    ]
+    with page.figure("flight", caption, rows=PANELS, panel_in=PANEL_IN, sharex=True) as axes:
+        draw_comparison(axes, found, windows_min)
 
 
 # The tables

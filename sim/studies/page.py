@@ -12,7 +12,6 @@ A page is built in reading order::
 Nothing here depends on the clock: the same seeds give the same bytes.
 """
 
-import io
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -24,37 +23,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from companion.estimators import ESTIMATORS
-from companion.plots.style import (
-    estimator_style,
-)
-
-ESTIMATOR_COLOURS = {name: estimator_style(name).colour for name in ESTIMATORS}
-"""One colour an estimator. Colours by role (BARO, GNSS, FUSED, OTHER and so on) are those of
-`companion.plots.style`, the same on every page."""
-
-_WIDTH_IN, _PANEL_IN, _DPI, _COLOURS = 8.0, 2.7, 110, 48
-
-_STYLE: dict[str, Any] = {
-    "font.family": "DejaVu Sans",
-    "font.size": 9,
-    "axes.titlesize": 9,
-    "axes.titlelocation": "left",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": "#777777",
-    "axes.grid": True,
-    "grid.color": "#e4e4e4",
-    "grid.linewidth": 0.6,
-    "axes.axisbelow": True,
-    "axes.xmargin": 0.01,
-    "axes.formatter.useoffset": False,
-    "lines.linewidth": 1.1,
-    "legend.frameon": False,
-    "legend.fontsize": 8,
-    "xtick.color": "#444444",
-    "ytick.color": "#444444",
-}
+from companion.plots.drawing import PANEL_IN, figure, write_png
 
 
 @dataclass(frozen=True)
@@ -145,7 +114,7 @@ class Page:
         *,
         rows: int = 1,
         columns: int = 1,
-        panel_in: float = _PANEL_IN,
+        panel_in: float = PANEL_IN,
         **kwargs: Any,
     ) -> Iterator[Any]:
         """Draw a figure of `rows` x `columns` panels; yields a flat array of Matplotlib axes.
@@ -154,18 +123,11 @@ class Page:
         (``sharex`` and the like). The panels' legends, titles and labels are up to the caller; the
         file is ``<slug>-<name>.png``.
         """
-        import matplotlib as mpl
-        from matplotlib.figure import Figure as Canvas
-
-        with mpl.rc_context(_STYLE):
-            canvas = Canvas(
-                figsize=(_WIDTH_IN, rows * panel_in + 0.2), dpi=_DPI, layout="constrained"
-            )
-            yield canvas.subplots(rows, columns, squeeze=False, **kwargs).ravel()
+        with figure(rows, columns, panel_in, **kwargs) as (canvas, axes):
+            yield axes
             file = f"{self.slug}-{name}.png"
             if self.out is not None:
-                self.out.mkdir(parents=True, exist_ok=True)
-                (self.out / file).write_bytes(_small_png(canvas))
+                write_png(canvas, self.out / file)
         self.blocks.append(Figure(file, caption))
 
     def head(self) -> list[str]:
@@ -202,16 +164,3 @@ def markdown_table(header: Sequence[str], rows: Sequence[Sequence[Value]]) -> st
     lines = ["| " + " | ".join(header) + " |", "|" + "---|" * len(header)]
     lines += ["| " + " | ".join(_cell(value) for value in row) + " |" for row in rows]
     return "\n".join(lines)
-
-
-def _small_png(canvas: Any) -> bytes:
-    """The figure as a PNG of few colours, a third of the size: the pages are kept in the
-    repository."""
-    from PIL import Image
-
-    drawn, packed = io.BytesIO(), io.BytesIO()
-    canvas.savefig(drawn, format="png", metadata={"Software": None})
-    with Image.open(drawn) as image:
-        few = image.convert("RGB").quantize(_COLOURS, kmeans=2, dither=Image.Dither.NONE)
-        few.save(packed, format="png", optimize=True)
-    return packed.getvalue()

@@ -212,8 +212,9 @@ const FlightCharts = (() => {
       const joined = groups.length > 1
         ? uPlot.join(groups, groups.map(group => group.map(() => 1))) : groups[0];
       const sorted = names.flatMap(name => series.filter(each => each.table === name));
-      const place = each => sorted.indexOf(each) + 1;
-      return {series, sorted, bands: bands.map(band => ({series: band.pair.map(at => place(series[at])), fill: band.colour + "2b"})), joined, place};
+      const place = each => series.indexOf(each) + 1; /* drawn in this order: ours last, on top */
+      const columns = [joined[0], ...series.map(each => joined[sorted.indexOf(each) + 1])];
+      return {series, bands: bands.map(band => ({series: band.pair.map(at => place(series[at])), fill: band.colour + "2b"})), columns, place};
     }
 
     function drawPanel(panel) {
@@ -248,7 +249,7 @@ const FlightCharts = (() => {
         axes: [timeAxis(), {stroke: FAINT, grid: {stroke: GRID, width: 1}, ticks: {show: false}, size: AXIS,
                             font: "11px system-ui, sans-serif",
                             values: (_, splits, __, ___, step) => splits.map(each => each.toFixed(decimals(step))) }],
-        series: [{}, ...data.sorted.map(each => each.options.hidden
+        series: [{}, ...data.series.map(each => each.options.hidden
           ? {stroke: "transparent", width: 0, points: {show: false}, spanGaps: false}
           : {stroke: each.options.style.colour, width: each.options.markers ? 0 : each.options.style.width,
              dash: each.options.style.dash.map(part => part * each.options.style.width),
@@ -269,7 +270,7 @@ const FlightCharts = (() => {
           setCursor: [chart => readout(chart, panel, data, figure)],
         },
       };
-      const chart = new uPlot(options, data.joined, canvas);
+      const chart = new uPlot(options, data.columns, canvas);
       note.addEventListener("click", () => { clips = !clips; chart.redraw(true, true); });
       note.addEventListener("click", () => chart.setScale("x", {...{min: chart.scales.x.min, max: chart.scales.x.max}}));
       for (const each of data.series.filter(each => each.legend)) {

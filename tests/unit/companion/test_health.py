@@ -85,6 +85,20 @@ def test_it_begins_lost_and_recovers_after_two_seconds() -> None:
     assert bench.transitions == 1
 
 
+def test_a_mere_silence_is_over_after_one_second() -> None:
+    """An unplugged cable says nothing against the height; an uncertain height does."""
+    for sd_m, expected_s in ((2.0, 1.1), (31.0, 2.1)):
+        bench = healthy()
+        host_us = round(bench.time_s * SECOND_US)
+        bench.monitor.alive(host_us)
+        bench.time_s += 4.0
+        assert bench.monitor.age(host_us + 4 * SECOND_US, lambda: "")
+        assert bench.monitor.health is LOST
+        bench.run(0.1, sd_m=sd_m)
+        bench.monitor.alive(round(bench.time_s * SECOND_US))
+        assert bench.seconds_until(OK) == pytest.approx(expected_s, abs=0.21)
+
+
 @pytest.mark.parametrize(
     ("conditions", "after_s", "expected", "reason"),
     [

@@ -18,7 +18,6 @@ from companion.evaluation.integrity import (
     Regions,
     count_exceedances,
     coverage,
-    draw_stanford,
     poisson_interval,
     protection,
     regions,
@@ -26,6 +25,7 @@ from companion.evaluation.integrity import (
 from companion.evaluation.metrics import Array, truth_at
 from companion.evaluation.samples import samples_of
 from companion.jobs import results
+from companion.plots.stanford import draw_stanford
 from companion.plots.style import BOUND, FUSED, OTHER
 from companion.samples import Kind, Rows
 from companion.settings import CompanionSettings
@@ -323,7 +323,7 @@ def _tail(page: SectionPage, rows: Sequence[Row]) -> None:
 def _stanford(page: SectionPage, rows: Sequence[Row]) -> None:
     caption = (
         f"Stanford diagrams of the level at 1e-3 an hour, alert limit {ALERT_LIMIT_M:g} m "
-        "(colours are logarithms of counts): sensor level left, JSBSim right."
+        "(colours are numbers of samples, logarithmic): sensor level left, JSBSim right."
     )
     found: list[tuple[str, Regions]] = []
     with page.figure("stanford", caption, columns=2, panel_in=3.8) as axes:

@@ -116,7 +116,7 @@ def draw_rms(page: Page, drift: Tally) -> None:
         panel.plot(
             k[beyond],
             expected,
-            color="black",
+            color=TRUTH,
             linestyle="--",
             label="sqrt(R_GPS + 3 R_GPS^2 / b^2)",
         )
@@ -124,7 +124,7 @@ def draw_rms(page: Page, drift: Tally) -> None:
         panel.plot(
             list(TABLE_1),
             claimed,
-            color="black",
+            color=TRUTH,
             linestyle="none",
             marker="o",
             markersize=4,

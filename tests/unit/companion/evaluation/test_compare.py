@@ -9,8 +9,8 @@ import pytest
 
 from companion.estimators import ESTIMATORS
 from companion.evaluation.compare import compare
-from companion.evaluation.comparison_plots import plot
 from companion.evaluation.samples import samples_of
+from companion.plots.comparison import plot
 from companion.samples import Kind
 
 

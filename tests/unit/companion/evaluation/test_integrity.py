@@ -2,7 +2,6 @@
 distributions."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from companion.evaluation.integrity import (
     EXCEEDANCE_APART_S,
     count_exceedances,
     coverage,
-    plot_stanford,
     poisson_interval,
     protection,
     regions,
@@ -81,9 +79,3 @@ def test_regions_of_the_stanford_diagram() -> None:
     found = regions(error, level, alert_limit_m=50.0)
     shares = (found.available, found.unavailable, found.misleading, found.hazardous)
     assert shares == pytest.approx((1 / 6, 2 / 6, 2 / 6, 1 / 6))
-
-
-def test_stanford_diagram_is_drawn(tmp_path: Path) -> None:
-    path = tmp_path / "stanford.png"
-    plot_stanford(path, "hour", np.sin(SECONDS), np.full(SECONDS.size, 5.0))
-    assert path.read_bytes().startswith(b"\x89PNG")

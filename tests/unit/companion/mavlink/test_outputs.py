@@ -3,7 +3,6 @@ version."""
 
 import math
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from companion.health import Health
 from companion.kernels.atmosphere import baro_altitude_m
 from companion.mavlink.codec import Encoder, Message, mavlink
 from companion.mavlink.continuity import Leap, Monotonic
-from companion.mavlink.debug import NAMED, message_table, state_floats
+from companion.mavlink.debug import NAMED, state_floats
 from companion.mavlink.outputs import Outputs, heartbeat
 from companion.mavlink.schedule import Schedule
 from companion.mavlink.sections import PublishSettings
@@ -426,10 +425,6 @@ class TestOnTheWire:
         } <= set(names)
         assert set(NAMED) <= set(names)
         assert all(0 < len(name) <= 10 and len(kinds) == 1 for name, kinds in names.items())
-
-    def test_the_page_of_messages_is_that_of_the_code(self) -> None:
-        page = (Path(__file__).parents[4] / "docs" / "messages.md").read_text(encoding="utf-8")
-        assert page.endswith(message_table()), "write companion.mavlink.debug.message_table() anew"
 
     def test_the_protection_level_goes_out(self) -> None:
         messages = parsed(feed(standing(30, 45)).sent)

@@ -1,6 +1,8 @@
 """Lines that are compared can be told apart, also by readers who confuse red and green."""
 
+import re
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from numpy.typing import NDArray
 
 from companion.estimators import ESTIMATORS
 from companion.plots import style
+from tests.paths import ROOT
 
 Array = NDArray[np.float64]
 SIGHTS = {
@@ -103,6 +106,20 @@ def test_the_difference_is_that_of_sharma(
     one: tuple[float, ...], other: tuple[float, ...], expected: float
 ) -> None:
     assert ciede2000(np.array(one), np.array(other)) == pytest.approx(expected, abs=1e-4)
+
+
+PLACES = [
+    path
+    for program in ("companion", "sim")
+    for path in sorted((ROOT / program).rglob("*.py"))
+    if path.parent != ROOT / "companion" / "plots"
+]
+
+
+@pytest.mark.parametrize("path", PLACES, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_no_other_module_has_colours(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert not re.findall(r"""["'](?:#[0-9a-fA-F]{6}|tab:\w+|C\d)["']|colou?r="(?!none)""", text)
 
 
 def test_the_old_demonstration_would_have_failed() -> None:

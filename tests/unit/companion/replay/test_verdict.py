@@ -124,3 +124,13 @@ def test_no_advice_from_too_little() -> None:
     assert "The altitude was lost for 80% of the session: no usable height" in lost["verdict"]
     assert "no advice" in lost["verdict"]
     assert "no altitude of its own" in verdict(summary(own_altitude={}))["verdict"]
+
+
+def test_an_error_beyond_the_reported_accuracy_is_told() -> None:
+    sources = {"published": {"p95_m": 4.0, "max_m": 6.0, "rmse_m": 2.0}}
+    truth = {"kind": "truth", "sd_m": math.nan}
+    found = verdict(summary(reference=truth, sources=sources))
+    assert found["findings"][0] == {
+        "level": "warning",
+        "text": "Altitude was reported to be known within 2.1 m (95 %); the error was 4.0 m.",
+    }

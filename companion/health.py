@@ -86,6 +86,9 @@ class HealthMonitor:
         them"""
         self._silenced = False
         """whether it is LOST only because the vehicle fell silent"""
+        self._shift_us = 0
+        self._before_us: int | None = None
+        """length of our own interruption, and time of the estimate from before it"""
         self.restart()
 
     def restart(self) -> None:
@@ -102,6 +105,7 @@ class HealthMonitor:
         if self._better_since_us is not None:
             self._better_since_us += by_us
         self._alive_us = self._height_us = self._usable_us = None
+        self._shift_us, self._before_us = by_us, None
 
     def alive(self, host_us: int) -> None:
         """A frame of the vehicle arrived."""
@@ -168,6 +172,17 @@ class HealthMonitor:
         self.health, self.reason = health, reason
         return changed
 
+    def _continued(self, estimate_us: int) -> int:
+        """The time of an estimate; one from before our own interruption is as old as it was then,
+        until the first sample renews it."""
+        if not self._shift_us:
+            return estimate_us
+        if self._before_us is None:
+            self._before_us = estimate_us
+        if estimate_us != self._before_us:
+            self._shift_us = 0
+        return estimate_us + self._shift_us
+
     @property
     def _recovery_us(self) -> float:
         """How long a turn for the better must last: half as long after a mere silence, such as a
@@ -191,7 +206,7 @@ class HealthMonitor:
             return Health.LOST, self._missing(now_us) or "no altitude yet"
         if not LOWEST_M <= altitude_m <= HIGHEST_M:
             return Health.LOST, "altitude impossible"
-        estimate_us = int(value["time_us"])
+        estimate_us = self._continued(int(value["time_us"]))
         heights_us = (self._used_us[kind] for kind in self._needed if kind in self._used_us)
         newest_us = min(
             estimate_us, max(heights_us, default=estimate_us)

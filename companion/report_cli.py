@@ -15,10 +15,8 @@ def show(report: dict[str, Any]) -> None:
 
 
 def _show_session(session: dict[str, Any]) -> None:
-    from rich.console import Console
-    from rich.table import Table
+    from companion import tables
 
-    console = Console(width=100)
     start = session["start_utc"] or f"{session['start_boot_s']:.0f} s after boot"
     what = f"vehicle {session['vehicle'] or 'unknown'} ({session['autopilot']})"
     reboot = ", after a reboot" if session["after_reboot"] else ""
@@ -29,10 +27,9 @@ def _show_session(session: dict[str, Any]) -> None:
     for note in session["notes"]:
         print(f"note: {note}")
     verdicts = ("used", "gated", "stale", "invalid", "ignored")
-    table = Table("samples", *verdicts, box=None, pad_edge=False)
-    for kind, counts in session["samples"].items():
-        table.add_row(kind, *(str(counts.get(verdict, "")) for verdict in verdicts))
-    console.print(table)
+    counts = session["samples"]
+    numbers = {each: [str(found.get(each, "")) for found in counts.values()] for each in verdicts}
+    tables.show({"samples": list(counts)}, numbers)
     if session["left_out"]:
         print("left out: " + ", ".join(f"{cause} {n}" for cause, n in session["left_out"].items()))
     altitude = session["altitude"]
@@ -43,12 +40,12 @@ def _show_session(session: dict[str, Any]) -> None:
             f"{altitude['published']} ALTITUDE sent; health at the end "
             f"{session['health']['at_end']}"
         )
-    _show_sources(session, console)
+    _show_sources(session)
     print(session["verdict"])
 
 
-def _show_sources(session: dict[str, Any], console: Any) -> None:
-    from rich.table import Table
+def _show_sources(session: dict[str, Any]) -> None:
+    from companion import tables
 
     if not session["sources"]:
         return
@@ -58,8 +55,7 @@ def _show_sources(session: dict[str, Any], console: Any) -> None:
     else:
         title = f"difference to smoother, sd {reference['sd_m']:.1f} (m)"
     keys = {"RMS": "rmse_m", "95 %": "p95_m", "max": "max_m", "mean": "bias_m"}
-    table = Table(title, *keys, "RMS without mean", box=None, pad_edge=False)
-    for found in session["sources"].values():
-        values = [found[key] for key in (*keys.values(), "unbiased_rmse_m")]
-        table.add_row(found["label"], *(f"{value:.2f}" for value in values))
-    console.print(table)
+    keys["RMS without mean"] = "unbiased_rmse_m"
+    found = list(session["sources"].values())
+    numbers = {head: [f"{each[key]:.2f}" for each in found] for head, key in keys.items()}
+    tables.show({title: [each["label"] for each in found]}, numbers)

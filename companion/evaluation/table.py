@@ -2,9 +2,7 @@
 
 import math
 
-from rich.console import Console
-from rich.table import Table
-
+from companion import tables
 from companion.evaluation.compare import Comparison
 
 COLUMNS = {
@@ -29,12 +27,13 @@ COLUMNS = {
 def show(found: Comparison) -> None:
     """Print the table."""
     what = "error" if found.reference == "truth" else "difference"
-    table = Table(f"{what} to {found.reference} (m, m/s)", box=None, pad_edge=False)
-    for column in COLUMNS:
-        table.add_column(column, justify="right")
-    for result in found.results:
-        values = (getattr(result, name) for name in COLUMNS.values())
-        table.add_row(
-            result.label, *("" if math.isnan(value) else f"{value:.2f}" for value in values)
-        )
-    Console(width=140).print(table)
+    labels = {f"{what} to {found.reference} (m, m/s)": [each.label for each in found.results]}
+    numbers = {
+        head: [_cell(getattr(each, name)) for each in found.results]
+        for head, name in COLUMNS.items()
+    }
+    tables.show(labels, numbers)
+
+
+def _cell(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.2f}"

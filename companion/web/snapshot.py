@@ -51,6 +51,8 @@ class Snapshots:
         self._start_us = self._due_us = service.clock.now_us()
         self._counts: deque[tuple[int, Counts]] = deque(maxlen=RATE_US // PERIOD_US + 1)
         self._changed_us: dict[Kind, int] = {}
+        self._stamps: dict[str, tuple[int, int]] = {}
+        """of the estimate and the heights: the newest stamp, and when it was first seen"""
         self._shares: Counter[Health] = Counter()
         self._exclusions: deque[dict[str, Any]] = deque(maxlen=MOST_EXCLUSIONS)
         self._faulty = FaultySensor.NONE
@@ -77,8 +79,10 @@ class Snapshots:
         found = document("run", service.link.url, [session], time_s=now_us * 1e-6)
         names = ("altitude_m", "altitude_sd_m", "level_m", "climb_mps")
         heights = ("gnss_m", "baro_m", "autopilot_m")
-        values = [now[name] for name in (*names, *heights)]
-        values += [altitude["qnh_hpa"], altitude["qnh_sd_hpa"]]
+        is_new = self._is_new("estimate", int(service.pipeline.estimate[0]["time_us"]), now_us)
+        values = [now[name] for name in names] + [altitude["qnh_hpa"], altitude["qnh_sd_hpa"]]
+        values = values if is_new else [None] * len(values)
+        values[len(names) : len(names)] = [now[name] for name in heights]
         health = int(service.pipeline.health.health)
         row = (now_us * 1e-6, *(_rounded(value) for value in values), health)
         return Snapshot(found, row)
@@ -148,7 +152,7 @@ class Snapshots:
         """The keys that only a running service has."""
         service, pipeline = self._service, self._service.pipeline
         return {
-            "now": self._now(),
+            "now": self._now(now_us),
             "problems": service.problems,
             "sensors": self._sensors(now_us),
             "feedback": self._feedback(),
@@ -166,14 +170,28 @@ class Snapshots:
             },
         }
 
-    def _now(self) -> dict[str, Any]:
+    def _is_new(self, name: str, stamp_us: int, now_us: int) -> bool:
+        """Whether a stamp of the vehicle's clock has moved in the last two seconds of ours."""
+        stamp, since_us = self._stamps.get(name, (None, now_us))
+        if stamp != stamp_us:
+            self._stamps[name] = (stamp_us, now_us)
+            return True
+        return now_us - since_us <= FRESH_US
+
+    def _height(self, name: str, height: tuple[int, float], now_us: int) -> float:
+        """A height with its stamp on the vehicle's clock; NaN when it is old."""
+        is_old = abs(self._service.pipeline.now_us - height[0]) > FRESH_US
+        return height[1] if self._is_new(name, height[0], now_us) and not is_old else math.nan
+
+    def _now(self, now_us: int) -> dict[str, Any]:
         """The estimate and the heights beside it."""
         pipeline = self._service.pipeline
         value, boot_us, sensors = pipeline.estimate[0], pipeline.now_us, pipeline.checker.sensors
         own = pipeline.outputs.own
-        own_m, own_height_m = (math.nan, math.nan)
-        if own is not None and abs(boot_us - own.time_us) <= FRESH_US:
-            own_m, own_height_m = own.altitude_amsl_m, own.height_above_home_m
+        own_m = own_height_m = math.nan
+        if own is not None:
+            own_m = self._height("autopilot", (own.time_us, own.altitude_amsl_m), now_us)
+            own_height_m = own.height_above_home_m if math.isfinite(own_m) else math.nan
         height_m = float(value["height_above_takeoff_m"])
         return {
             "boot_s": boot_us * 1e-6 if boot_us >= 0 else None,
@@ -185,8 +203,8 @@ class Snapshots:
             "above_takeoff_m": height_m if math.isfinite(height_m) else own_height_m,
             "baro_rate_mps": float(value["baro_rate_mps"]),
             "gnss_offset_m": float(value["gnss_offset_m"]),
-            "gnss_m": _fresh(sensors.gnss, boot_us),
-            "baro_m": _fresh(sensors.baro, boot_us),
+            "gnss_m": self._height("gnss", sensors.gnss, now_us),
+            "baro_m": self._height("baro", sensors.baro, now_us),
             "autopilot_m": own_m,
             "drift_probabilities": dict(
                 zip(DRIFTS, map(float, value["drift_probabilities"]), strict=True)
@@ -245,12 +263,6 @@ class Snapshots:
 
 def _named(counts: "list[int] | tuple[int, ...]") -> dict[str, int]:
     return {verdict.name.lower(): counts[verdict] for verdict in Verdict if counts[verdict]}
-
-
-def _fresh(height: tuple[int, float], now_us: int) -> float:
-    """A height of the vehicle's clock; NaN when it is old."""
-    time_us, height_m = height
-    return height_m if abs(now_us - time_us) <= FRESH_US else math.nan
 
 
 def _rounded(value: float | None) -> float | None:

@@ -248,8 +248,7 @@ def _job_bar(total: int) -> "Iterator[Callable[[int, list[Row]], None]]":
 
 
 def _print_campaign(lines: "list[Row]", failed: list[str]) -> None:
-    from rich.console import Console
-    from rich.table import Table
+    from companion import tables
 
     names = {
         "RMSE": "rmse_m", "+-": "rmse_sd_m", "95 %": "p95_m", "worst": "max_m",
@@ -257,16 +256,15 @@ def _print_campaign(lines: "list[Row]", failed: list[str]) -> None:
         "level": "median_level_m", "above": "exceedances", "us": "cost_us",
         "named s": "detection_s", "wrong": "wrong_share",
     }  # fmt: skip
-    table = Table("scenario", "source", "n", box=None, pad_edge=False)
-    for name in (*names, "found", "false", "missed"):
-        table.add_column(name, justify="right")
-    for line in lines:
-        values = (line[key] for key in names.values())
-        cells = ["" if math.isnan(value) else f"{value:.2f}" for value in values]
-        cells.append(f"{line['detected']}/{line['faults']}" if line["faults"] else "")
-        cells.append(str(line["false_alarms"]) if line["false_alarms"] else "")
-        cells.append(str(line["missed"]) if line["missed"] else "")
-        table.add_row(line["scenario"], line["source"], str(line["flights"]), *cells)
-    Console(width=140).print(table)
+    labels = {head: [line[head] for line in lines] for head in ("scenario", "source")}
+    numbers = {"n": [str(line["flights"]) for line in lines]}
+    for head, key in names.items():
+        numbers[head] = ["" if math.isnan(line[key]) else f"{line[key]:.2f}" for line in lines]
+    numbers["found"] = [
+        f"{line['detected']}/{line['faults']}" if line["faults"] else "" for line in lines
+    ]
+    for head, key in (("false", "false_alarms"), ("missed", "missed")):
+        numbers[head] = [str(line[key]) if line[key] else "" for line in lines]
+    tables.show(labels, numbers)
     if failed:
         print(f"{len(failed)} flights failed; the next run tries them again")

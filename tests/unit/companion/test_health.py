@@ -85,6 +85,20 @@ def test_it_begins_lost_and_recovers_after_two_seconds() -> None:
     assert bench.transitions == 1
 
 
+def test_our_own_interruption_is_no_loss() -> None:
+    """Continued from a checkpoint: the estimate of before counts until the first sample renews it,
+    and not for longer than it would have without the interruption."""
+    bench = healthy()
+    bench.monitor.shift(20 * SECOND_US)
+    bench.time_s += 20.0
+    assert bench.run(0.2, pressure=None, gnss=None, stale=True) is OK
+    assert bench.run(1.0) is OK
+    stays_silent = healthy()
+    stays_silent.monitor.shift(20 * SECOND_US)
+    stays_silent.time_s += 20.0
+    assert stays_silent.run(6.0, pressure=None, gnss=None, stale=True) is LOST
+
+
 def test_a_mere_silence_is_over_after_one_second() -> None:
     """An unplugged cable says nothing against the height; an uncertain height does."""
     for sd_m, expected_s in ((2.0, 1.1), (31.0, 2.1)):

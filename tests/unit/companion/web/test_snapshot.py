@@ -96,6 +96,8 @@ def test_rates_ages_and_verdicts(bench: Watched) -> None:
     assert gnss["rate_hz"] == 0.0
     assert gnss["age_s"] == pytest.approx(4.0, abs=0.5)
     assert bench.session["health"]["at_end"] == "LOST"
+    for name in ("altitude_m", "gnss_m", "baro_m", "qnh_hpa"):
+        assert bench.column(name) is None  # the curves end where the vehicle fell silent
 
 
 def test_texts_of_the_vehicle_and_our_own(bench: Watched) -> None:

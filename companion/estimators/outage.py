@@ -113,3 +113,9 @@ def growth_m2(outage: Record, time_us: int, baro_m: float) -> float:
     head_m = outage.speed_mps * outage.speed_mps / (2.0 * G0_MPS2)
     port_m = PORT_RATIO * head_m * (1.0 - math.exp(-T / PORT_S))
     return T * T * rate_m2ps2 + column_m * column_m + port_m * port_m
+
+
+@step
+def moved_m2(outage: Record, time_us: int, baro_m: float) -> float:
+    """`growth_m2` at the first fix after a gap; 0 at the others."""
+    return growth_m2(outage, time_us, baro_m) if gap_s(outage, time_us) > GAP_S else 0.0

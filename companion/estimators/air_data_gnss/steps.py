@@ -44,14 +44,7 @@ from companion.estimators.judging import (
     tally,
 )
 from companion.estimators.method import Method
-from companion.estimators.outage import (
-    GAP_S,
-    OUTAGE,
-    gap_s,
-    growth_m2,
-    note_difference,
-    outage_start,
-)
+from companion.estimators.outage import OUTAGE, growth_m2, moved_m2, note_difference, outage_start
 from companion.estimators.setting import (
     SETTING,
     has_setting,
@@ -270,8 +263,8 @@ def note_outage(state: Rows, params: Rows, sample: Rows, sd_m: float) -> None:
     baro = baro_at(state, time_us)
     if math.isnan(baro):
         return
-    if gap_s(s.outage, time_us) > GAP_S and params[0].gnss_gate < math.inf:
-        s.error.P[1, 1] += growth_m2(s.outage, time_us, baro)
+    if params[0].gnss_gate < math.inf:
+        s.error.P[1, 1] += moved_m2(s.outage, time_us, baro)
     note_difference(
         s.outage, time_us, sample[0].altitude_amsl_m, baro, sample[0].ground_speed_mps, sd_m
     )

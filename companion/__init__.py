@@ -32,6 +32,11 @@ Datums
 ``height_above_home_m``      above HOME_POSITION
 ===========================  =======================================================================
 
+As a library
+------------
+`read_log` and `run_estimator` (`companion.api`, docs/estimators.md): a log as arrays, an estimator
+over it.
+
 Names
 -----
 Unknown is NaN in rows; MAVLink's sentinels live in ``mavlink/convert.py`` alone. Paper letters (F H
@@ -39,4 +44,24 @@ P Q R S K x z) appear only in ``kernels/kalman.py`` and ``estimators/``, with a 
 docstring.
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from companion.api import (
+        Estimated,
+        LogFlight,
+        estimator_names,
+        read_log,
+        run_estimator,
+    )
+
 __version__ = "0.1.0"
+__all__ = ["Estimated", "LogFlight", "estimator_names", "read_log", "run_estimator"]
+
+
+def __getattr__(name: str) -> Any:
+    """The names of `companion.api`, which is imported when one is used: it imports Numba."""
+    if name in __all__:
+        return getattr(import_module("companion.api"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

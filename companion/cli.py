@@ -8,32 +8,26 @@ import sys
 import time
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
-from companion import batch_cli, doctor_cli, live_cli, log_cli
+from companion import batch_cli, doctor_cli, live_cli, log_cli, tune_cli
 from companion.common_cli import (
     Commands,
-    ConfigOption,
     QuietOption,
     VerboseOption,
-    compile_first,
     compile_for,
     resolve_settings,
     set_up_saying,
     version_option,
 )
-from companion.errors import ConfigError, KollsmanError
+from companion.errors import KollsmanError
 from companion.output import (
     Output,
     discard_standard_output,
     open_standard_descriptors,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
 
 OUTPUT_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EBADF}
 """What writing to standard output fails with: a full disk, a terminal that hung up."""
@@ -47,13 +41,6 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-
-TUNE_EXAMPLES = """\b
-Examples:
-  kollsman tune damping-loop flight.tlog
-  kollsman tune damping-loop flight.tlog --out gains.yaml
-  kollsman replay flight.tlog --config gains.yaml
-"""
 
 KEY_EXAMPLES = """\b
 Examples:
@@ -81,54 +68,8 @@ app.command(epilog=log_cli.COMPARE_EXAMPLES)(log_cli.compare)
 app.command(epilog=batch_cli.BATCH_EXAMPLES)(batch_cli.batch)
 
 
-def _tunable(estimator: str) -> "Callable[..., Any]":
-    """The gain search of an estimator that has one."""
-    from companion.estimators import ESTIMATORS
-
-    method = ESTIMATORS.get(estimator)
-    if method is None or method.tune is None:
-        known = ", ".join(name for name, each in ESTIMATORS.items() if each.tune)
-        raise ConfigError(f"{estimator!r} cannot be tuned; only {known} can")
-    return method.tune
-
-
-@app.command(epilog=TUNE_EXAMPLES)
-def tune(
-    estimator: Annotated[str, typer.Argument(help="Estimator; only damping-loop can be tuned.")],
-    log: Annotated[
-        Path, typer.Argument(help="A recorded log (.tlog) with an IMU of 10 Hz or more.")
-    ],
-    *,
-    config: ConfigOption = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the random search.")] = 0,
-    generations: Annotated[
-        int, typer.Option(min=1, max=10_000, help="Number of generations of the search.")
-    ] = 60,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="File for the configuration with the gains.", metavar="GAINS.yaml"),
-    ] = None,
-) -> None:
-    """Find an estimator's gains from a flight, by the genetic algorithm of its paper."""
-    tune_method = _tunable(estimator)
-    log_cli.refuse_same(log, out)
-    settings = resolve_settings(config, estimator)
-    compile_first(settings, estimator)
-
-    from companion.evaluation.samples import samples_of
-
-    with log_cli.bar(log.name, 2.0) as advance:
-        samples = samples_of(log, settings, advance)
-        section = settings.section(estimator)
-        found = tune_method(samples, section, seed, generations, lambda share: advance(1.0 + share))
-    print(found.table())
-    print(f"\n{found.snippet()}", end="")
-    if out:
-        try:
-            out.write_text(found.snippet(), encoding="utf-8")
-        except OSError as error:
-            raise ConfigError(f"{out}: cannot be written: {error.strerror}") from None
-        print(f"\nwrote {out}")
+app.command(epilog=tune_cli.TUNE_EXAMPLES)(tune_cli.tune)
+app.command(epilog=tune_cli.IDENTIFY_EXAMPLES)(tune_cli.identify)
 
 
 @app.command()

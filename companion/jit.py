@@ -30,9 +30,8 @@ KEPT_CACHES = 4
 """number of versions of one module that stay in the cache, besides those of the last day"""
 A_DAY_S = 86_400
 MARK = b"from companion.jit import step"
-_IMPORT = re.compile(
-    rb"^ *from ((?:companion|sim|tests)[\w.]*) import ([^(\n]+|\([^)]*\))", re.MULTILINE
-)
+_IMPORT = re.compile(rb"^ *from ([\w.]+) import ([^(\n]+|\([^)]*\))", re.MULTILINE)
+_PACKAGES = ("companion", "sim", "tests")
 _OURS = re.compile(r"([a-z_.]+)-[0-9a-f]{16}")
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -84,9 +83,16 @@ def _closure(path: Path) -> set[Path]:
 @cache
 def _imports(path: Path) -> frozenset[Path]:
     """Files of the compiled modules that a file imports from."""
-    found = set()
+    found, roots = set(), dict.fromkeys(_PACKAGES, _ROOT)
+    top = path
+    while (top.parent / "__init__.py").is_file():
+        top = top.parent
+    roots.setdefault(top.stem, top.parent)  # an estimator of another package
     for module, names in _IMPORT.findall(path.read_bytes()):
-        place = _ROOT.joinpath(*module.decode().split("."))
+        parts = module.decode().split(".")
+        if parts[0] not in roots:
+            continue
+        place = roots[parts[0]].joinpath(*parts)
         submodules = (place / f"{name}.py" for name in re.findall(r"\w+", names.decode()))
         found |= {
             file

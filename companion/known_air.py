@@ -144,6 +144,11 @@ class KnownAir:
         if kind is Kind.STATUS or self.field_elevation_m is not None:
             self._at_rest.sample(kind, row)
 
+    def follow(self, kind: Kind, row: Rows, now_us: int) -> Known | None:
+        """`sample`; and before a pressure what to `tell`."""
+        self.sample(kind, row)
+        return self.tell(now_us) if kind is Kind.PRESSURE else None
+
     def tell(self, now_us: int) -> Known | None:
         """What to tell with the pressure of now; None when the estimator knows it all."""
         known = Known()

@@ -27,7 +27,7 @@ from companion.mavlink.readings import ReadingSelector
 from companion.mavlink.requests import REQUESTS, Requests, asks_rate
 from companion.mavlink.signing import Signing
 from companion.observer import Observer
-from companion.recorded import Item, Sensed
+from companion.recorded import Height, Item, Sensed
 from companion.samples import Kind, Packet, Rows, Verdict
 from companion.settings import CompanionSettings
 
@@ -182,7 +182,8 @@ class Pipeline:
         self.frames = []
         if isinstance(item, Sensed):
             return self._reading(item.reading, item.source, arrival_us)
-        self._compare(item.is_truth, item[1:])
+        if isinstance(item, Height):
+            self._compare(item.is_truth, item[1:])
         return []
 
     def flush(self, arrival_us: int) -> list[bytes]:
@@ -336,11 +337,8 @@ class Pipeline:
 
     def _sample(self, kind: Kind, row: Rows) -> list[bytes]:
         """Give a sample to the estimator and its verdict to all who follow it."""
-        sent: list[bytes] = []
-        self.air.sample(kind, row)
-        known = self.air.tell(self.now_us) if kind is Kind.PRESSURE else None
-        if known is not None:
-            sent = self._sample(Kind.AIR, self.intake.air(known, row))
+        known = self.air.follow(kind, row, self.now_us)
+        sent = self._sample(Kind.AIR, self.intake.air(known, row)) if known is not None else []
         self.identity.measured(kind)
         self.checker.sample(kind, row)
         verdict = self.filter.step(kind, row)
@@ -395,8 +393,7 @@ class Pipeline:
             return []
         self.commands.sent(messages, self._host_us)
         own = self.identity.own
-        encoder = self._encoders.get(own)
-        if encoder is None:
-            encoder = self._encoders[own] = Encoder(*own, self.signing)
-        frames = (encoder.encode(message, self.identity.spoken) for message in messages)
-        return [frame for frame in frames if frame]
+        if own not in self._encoders:
+            self._encoders[own] = Encoder(*own, self.signing)
+        encoder, spoken = self._encoders[own], self.identity.spoken
+        return [frame for each in messages if (frame := encoder.encode(each, spoken))]

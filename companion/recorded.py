@@ -28,4 +28,12 @@ class Height(NamedTuple):
     climb_mps: float
 
 
-Item: TypeAlias = Frame | Sensed | Height
+class Throttle(NamedTuple):
+    """What the pilot or autopilot asks of the motors; no estimator uses it."""
+
+    time_us: int
+    share: float
+    """0 to 1"""
+
+
+Item: TypeAlias = Frame | Sensed | Height | Throttle

@@ -133,6 +133,7 @@ class Aircraft:
         self._throttles = tuple(
             writer(f"fcs/throttle-cmd-norm[{number}]") for number in range(engines)
         )
+        self._throttle = 0.0
         rarely = ("left-brake", "speedbrake", "right-brake", "steer", "flap", "gear", "spoiler")
         self._rarely = tuple(
             writer(f"{'gear' if n == 'gear' else 'fcs'}/{n}-cmd-norm") for n in rarely
@@ -154,7 +155,8 @@ class Aircraft:
         self._stick[1](aileron)
         self._stick[2](-rudder)  # and its rudder positive trailing edge left
         for write in self._throttles:
-            write(max(throttle, 0.0))
+            self._throttle = max(throttle, 0.0)
+            write(self._throttle)
         rare = (max(-throttle, 0.0), *others)
         if rare != self._rare:
             self._rare = rare
@@ -322,7 +324,8 @@ class Aircraft:
         """Air flow at the aircraft."""
         dynamic_psf, sideslip_rad, altitude_ft = self._flow
         height_m = altitude_ft() * _FT - self._ground_m
-        return Flow(dynamic_psf() * _PSF, sideslip_rad(), height_m, self._load_factors[2]())
+        load = self._load_factors[2]()
+        return Flow(dynamic_psf() * _PSF, sideslip_rad(), height_m, load, self._throttle)
 
     def truth(self) -> Truth:
         """The present state. Raises `SimulationError` if it is not plausible."""

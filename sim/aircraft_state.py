@@ -68,3 +68,5 @@ class Flow(NamedTuple):
     """height of the centre of gravity above the ground, m"""
     load: float
     """load factor, positive upwards, 1 at rest"""
+    throttle: float = 0.0
+    """commanded thrust, 0 to 1"""

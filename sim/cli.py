@@ -152,13 +152,14 @@ def fly(
     pace = _speed(speed or ("1" if links else "max"))
 
     from companion.links import open_link
+    from companion.replay.expect import parse
     from sim.flight import Flight
     from sim.scenario import load_scenario
     from sim.vehicle.flavours import FLAVOURS
 
     if flavour and flavour not in FLAVOURS:
         raise _usage(f"--flavour '{flavour}' is unknown: give one of {', '.join(FLAVOURS)}")
-    face = FLAVOURS[flavour].name if flavour else None
+    parse(expect or [])  # a mistake is told before the flight
     config = load_scenario(scenario)
     opened: list[Link] = []
     with ExitStack() as stack:
@@ -172,7 +173,7 @@ def fly(
             seed=seed,
             all_streams=all_streams,
             speed=pace,
-            flavour=face,
+            flavour=FLAVOURS[flavour].name if flavour else None,
         )
         summary = run_with_progress(flight)
     print_summary(summary, tlog, opened)

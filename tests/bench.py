@@ -76,6 +76,7 @@ def main() -> None:
         campaigns,
         estimators,
         logs,
+        batches,
         papers,
     )
     for part in [part for part in parts if part.__name__ in sys.argv[1:]] or parts:
@@ -585,6 +586,7 @@ def logs() -> list[Row]:
         rows.append(
             ("tlog scan with checksums", f"{scan}, {ours / theirs:.0f} x pymavlink", "100 x")
         )
+        rows += fast_parser(large, frames, ours) + replay_memory(hop)
         rows.append(("tlog frames with decoded messages", f"{frames / items_s / theirs:.0f} x", ""))
         ratio = f"{replay_s / decode_s:.2f} x pymavlink's decoding alone"
         flown_s = (packets[-1].time_us - packets[0].time_us) * 1e-6
@@ -596,6 +598,58 @@ def logs() -> list[Row]:
         rate = data.size * 1e-6 / spent(lambda: dataflash._index(data))
         rows.append(("dataflash .bin scan", f"{rate:.0f} MB/s", "200 MB/s"))
     return rows
+
+
+def fast_parser(large: Path, frames: int, ours: float) -> list[Row]:
+    """The fastest C++ package on the same file, where `pip install fasttlogparser` has built it."""
+    name, aim = "the same, fasttlogparser (C++)", "ours >= 5 x"
+    try:
+        import fasttlogparser
+    except ImportError:
+        return [(name, "not installed", aim)]
+    theirs = frames / spent(lambda: fasttlogparser.parseTLog(str(large)))
+    return [(name, f"{theirs * 1e-6:.2f} million/s; ours {ours / theirs:.1f} x", aim)]
+
+
+def replay_memory(small: Path) -> list[Row]:
+    """Growth of the largest resident set of a process with the size of the log it replays."""
+    script = (
+        "import sys, resource; from pathlib import Path; from companion.replay.run import replay; "
+        "replay(Path(sys.argv[1])); print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+    )
+    large = small.with_name("twelve.tlog")
+    large.write_bytes(small.read_bytes() * 12)
+    peaks = []
+    for path in (small, large):
+        printed = subprocess.check_output([sys.executable, "-c", script, str(path)], text=True)
+        peaks.append(int(printed.split()[-1]))
+    grown = (peaks[1] - peaks[0]) * 1024 / (large.stat().st_size - small.stat().st_size)
+    text = f"{grown:.1f} x the file plus {peaks[0] // 1024} MB"
+    return [("memory of a replay", text, "3 x the file plus a constant")]
+
+
+def batches(count: int = 200) -> list[Row]:
+    """A folder of `count` logs of a minute each, by one worker and by two."""
+    from companion.replay.batch import run_batch
+
+    warm_up()
+    taken = []
+    with tempfile.TemporaryDirectory() as folder:
+        profile = [{"leg": "wait", "duration_s": 60.0}]
+        scenario = Scenario.model_validate(
+            {"name": "stand", "summary": "of the benchmark", "profile": profile}
+        )
+        paths = [Path(folder) / f"{k}.tlog" for k in range(count)]
+        Flight(scenario, tlog=paths[0]).run()
+        for path in paths[1:]:
+            os.link(paths[0], path)
+        for workers in (1, 2):
+            out = Path(folder) / f"by{workers}"
+            taken.append(timed(partial(run_batch, paths, out, workers=workers, reports=False)))
+    return [
+        (f"batch of {count} logs, one worker", f"{taken[0]:.0f} s", ""),
+        ("the same, two workers", f"{taken[1]:.0f} s, {taken[0] / taken[1]:.2f} x", "1.8 x"),
+    ]
 
 
 def spent(action: Callable[[], object]) -> float:

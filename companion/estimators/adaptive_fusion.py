@@ -76,6 +76,7 @@ from companion.estimators.judging import (
     judge_pressure,
     place,
     reset,
+    score,
     state_dtype,
     tally,
 )
@@ -251,6 +252,7 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     else:
         s.corrected_us, s.R_GPS_m2 = sample[0].time_us, R_GPS
         adapt(state, params, sample[0].altitude_amsl_m - indicated_m(s.setting, level_m))
+        score(state, s.delta_m, p.R_B_m2 + R_GPS)
         note_difference(
             s.outage,
             sample[0].time_us,
@@ -358,4 +360,5 @@ METHOD = Method(
     run=run,
     datum_invariant=True,
     follows_baro_step=True,
+    tunable=("baro_variance_m2", "gnss_sd_floor_m"),
 )

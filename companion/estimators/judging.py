@@ -16,6 +16,8 @@ from companion.samples import MAX_INSTANCES, Kind, Rows, Verdict
 DELAY_HORIZON_US = 1_000_000
 """A sample this much older than the newest one can no longer be placed in time, and is STALE."""
 
+OUTLIER_LOG = -11.0
+"""Least log-likelihood of a single height: one in a hundred is anywhere within 600 m."""
 HIGHEST_GNSS_SD_M = 50.0
 """A fix that is worse than this says nothing about height."""
 LOWEST_DIE_K, HIGHEST_DIE_K = 200.0, 380.0
@@ -40,14 +42,17 @@ def state_dtype(*fields: tuple[Any, ...]) -> np.dtype[Any]:
             (len(Kind), MAX_INSTANCES),
         ),  # time of the newest sample of each kind and instance
         ("verdicts", "i8", (len(Kind), len(Verdict))),  # counters
+        ("log_likelihood", "f8"),  # of the innovations since the start
+        ("innovations", "f8"),  # their number, each with the weight that it counts with
     ]
     return np.dtype(common + list(fields), align=True)
 
 
 @step
 def reset(state: Rows) -> None:
-    """Forget every instant: the vehicle's clock starts anew. Counters stay."""
+    """Forget every instant: the vehicle's clock starts anew. Counters of verdicts stay."""
     state[0].now_us = -1
+    state[0].log_likelihood, state[0].innovations = 0.0, 0.0
     for kind in range(state[0].last_us.shape[0]):
         for instance in range(state[0].last_us.shape[1]):
             state[0].last_us[kind, instance] = -1
@@ -91,6 +96,17 @@ def is_stale(state: Rows, kind: int, instance: int, time_us: int) -> bool:
     return (
         time_us <= state[0].last_us[kind, instance] or time_us < state[0].now_us - DELAY_HORIZON_US
     )
+
+
+@step
+def score(state: Rows, innovation: float, S: float) -> None:
+    """Count an innovation whose variance the estimator says is S: what `kollsman tune` maximises.
+
+    An outlier counts no more than it would under a hundredth of a uniform density over 600 m.
+    """
+    value = -0.5 * (math.log(math.tau * S) + innovation * innovation / S)
+    state[0].log_likelihood += max(OUTLIER_LOG, value)
+    state[0].innovations += 1.0
 
 
 @step

@@ -52,6 +52,8 @@ class Method:
     tune: Callable[..., Any] | None = None
     """tune(log, settings, seed, generations, on_progress): gains from a flight; None when it has no
     such search"""
+    tunable: tuple[str, ...] = ()
+    """noise parameters (keys of the settings) on which the likelihood of the innovations depends"""
     optional: frozenset[Kind] = frozenset()
     """kinds with a step that are IGNORED unless the settings ask for them"""
 

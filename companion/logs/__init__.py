@@ -21,6 +21,7 @@ HEAD_BYTES = 1 << 14
 class LogReader(Protocol):
     """Items in file order; every iteration starts anew."""
 
+    path: Path
     counters: Counter[FrameReject]
     """what was left out in the current iteration, by cause"""
     size_bytes: int

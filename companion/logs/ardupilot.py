@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.logs.tables import Heights, Table, Tables, changes, utc_offset_us
+from companion.logs.tables import Heights, Table, Tables, Throttles, changes, utc_offset_us
 from companion.mavlink.codec import mavlink
 from companion.mavlink.convert import ZERO_CELSIUS_K
 from companion.samples import Kind
@@ -83,6 +83,7 @@ def tables_of(messages: dict[str, Columns]) -> Tables:
         tables.sensors += _instances(messages.get(name), 0, make)
     _vehicle(tables, messages)
     tables.heights += _heights(messages)
+    tables.throttles += _throttles(messages.get("CTUN"))
     return tables
 
 
@@ -276,6 +277,16 @@ def _heights(messages: dict[str, Columns]) -> list[Heights]:
             found.append(Heights(False, own.place, own.time_us, own.floats("Alt"), climb))
             break
     return found
+
+
+def _throttles(found: Columns | None) -> list[Throttles]:
+    """CTUN.ThO: a share, a percentage (Plane), or thousandths (Copter before 3.4)."""
+    if found is None or not found.place.size or found.time_us[0] < 0:
+        return []
+    share = np.maximum(found.floats("ThO", "ThrOut"), 0.0)
+    largest = float(np.nanmax(share, initial=0.0))
+    scale = 1.0 if largest <= 1.5 else 100.0 if largest <= 150.0 else 1000.0
+    return [Throttles(found.place, found.time_us, share / scale)]
 
 
 def _climb_at(state: Columns | None, label: str, time_us: NDArray[np.int64]) -> Any:

@@ -44,7 +44,7 @@ class BinReader(TableReader):
                 "bytes belong to no message"
             )
         super().__init__(
-            tables_of(columns), data.size, Counter({FrameReject.JUNK: junk} if junk else {})
+            path, tables_of(columns), data.size, Counter({FrameReject.JUNK: junk} if junk else {})
         )
 
 
@@ -58,7 +58,7 @@ class TextReader(TableReader):
         if not columns:
             raise LogFormatError(f"{path}: not a dataflash log in text (.log): no FMT line fits")
         counters = Counter({FrameReject.DECODE: bad} if bad else {})
-        super().__init__(tables_of(columns), len(data), counters)
+        super().__init__(path, tables_of(columns), len(data), counters)
 
 
 def read_bin(data: NDArray[np.uint8]) -> tuple[dict[str, Columns], int]:

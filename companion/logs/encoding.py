@@ -9,7 +9,7 @@ from functools import cache
 from companion.kernels.atmosphere import G0_MPS2
 from companion.mavlink.codec import Encoder, Frame, Message, mavlink
 from companion.mavlink.convert import UNKNOWN_U16, ZERO_CELSIUS_K, Reading
-from companion.recorded import Height, Item
+from companion.recorded import Height, Item, Throttle
 from companion.samples import Kind
 
 
@@ -23,6 +23,8 @@ def frame_of(item: Item, system_id: int = 1) -> bytes:
     that no message holds."""
     if isinstance(item, Frame):
         return item.data
+    if isinstance(item, Throttle):
+        return b""
     message = _height(item) if isinstance(item, Height) else _reading(item.reading)
     return _encoder(system_id).encode(message) if message is not None else b""
 

@@ -10,6 +10,7 @@ from bisect import bisect_right
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from companion.mavlink.codec import Encoder, Frame, FrameReject, mavlink, scan
 from companion.mavlink.convert import Reading, TimeBase
-from companion.recorded import Height, Item, Sensed
+from companion.recorded import Height, Item, Sensed, Throttle
 from companion.samples import Kind
 
 Array = NDArray[np.float64]
@@ -54,12 +55,23 @@ class Heights:
     climb_mps: Array
 
 
+@dataclass(frozen=True)
+class Throttles:
+    """What was asked of the motors."""
+
+    place: NDArray[np.int64]
+    time_us: NDArray[np.int64]
+    share: Array
+    """0 to 1"""
+
+
 @dataclass
 class Tables:
     """What a reader found in one log."""
 
     sensors: list[Table] = field(default_factory=list)
     heights: list[Heights] = field(default_factory=list)
+    throttles: list[Throttles] = field(default_factory=list)
     armed: list[tuple[int, bool]] = field(default_factory=list)
     """(time_us since boot, armed), increasing in time"""
     system_id: int = 1
@@ -81,6 +93,8 @@ class Tables:
         ]
         first = len(self.sensors)
         streams += [_heights(each, first + number) for number, each in enumerate(self.heights)]
+        first += len(self.heights)
+        streams += [_throttles(each, first + number) for number, each in enumerate(self.throttles)]
         encoder = Encoder(self.system_id, mavlink.MAV_COMP_ID_AUTOPILOT1)
         beat_us = -HEARTBEAT_US
         for (place, _), time_us, item in heapq.merge(*streams, key=lambda entry: entry[0]):
@@ -112,6 +126,7 @@ def _since_start(tables: Tables) -> Tables:
         return tables
     tables.sensors = [replace(each, time_us=each.time_us - first_us) for each in tables.sensors]
     tables.heights = [replace(each, time_us=each.time_us - first_us) for each in tables.heights]
+    tables.throttles = [replace(each, time_us=each.time_us - first_us) for each in tables.throttles]
     tables.armed = [(time_us - first_us, armed) for time_us, armed in tables.armed]
     tables.modes = [(time_us - first_us, mode) for time_us, mode in tables.modes]
     tables.texts = [(time_us - first_us, text) for time_us, text in tables.texts]
@@ -125,7 +140,10 @@ class TableReader:
     ``counters`` tell what was left out, by cause; ``position_bytes`` how far the iteration is.
     """
 
-    def __init__(self, tables: Tables, size_bytes: int, counters: Counter[FrameReject]) -> None:
+    def __init__(
+        self, path: Path, tables: Tables, size_bytes: int, counters: Counter[FrameReject]
+    ) -> None:
+        self.path = path
         self.tables = _since_start(tables)
         self.counters = counters
         self.size_bytes = size_bytes
@@ -161,6 +179,13 @@ def _heights(heights: Heights, number: int) -> Iterator[tuple[tuple[int, int], i
     for place, time_us, altitude_m, climb_mps in zip(*(a.tolist() for a in rows), strict=True):
         if math.isfinite(altitude_m):
             yield (place, number), time_us, Height(heights.is_truth, time_us, altitude_m, climb_mps)
+
+
+def _throttles(throttles: Throttles, number: int) -> Iterator[tuple[tuple[int, int], int, Item]]:
+    rows = (throttles.place, throttles.time_us, throttles.share)
+    for place, time_us, share in zip(*(a.tolist() for a in rows), strict=True):
+        if math.isfinite(share):
+            yield (place, number), time_us, Throttle(time_us, share)
 
 
 def _plain(column: Any) -> list[Any]:

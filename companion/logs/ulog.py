@@ -60,7 +60,8 @@ class UlogReader(TableReader):
         tables = _tables(log)
         if not tables.sensors:
             raise LogFormatError(f"{path}: a PX4 log without any sensor Kollsman reads")
-        super().__init__(tables, len(data), Counter({FrameReject.TRUNCATED: lost} if lost else {}))
+        counters = Counter({FrameReject.TRUNCATED: lost} if lost else {})
+        super().__init__(path, tables, len(data), counters)
 
 
 class _Topic:

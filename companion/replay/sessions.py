@@ -214,8 +214,7 @@ def sessions_of(
         told = "; ".join(first.pipeline.identity.notes) or "no vehicle"
         heard = f"vehicle {latched[0]}/{latched[1]}" if latched else told
         raise LogFormatError(
-            f"{getattr(reader, 'path', 'the log')}: nothing usable in it: {heard}, no barometer "
-            "and no GNSS height"
+            f"{reader.path}: nothing usable in it: {heard}, no barometer and no GNSS height"
         )
     return found
 
@@ -275,8 +274,8 @@ def _boot_us(item: Item) -> int | None:
 
 def refuse_junk(reader: LogReader) -> None:
     """Raise `LogFormatError` when most of a file belongs to no message; zeros do not count."""
-    path, junk = getattr(reader, "path", None), reader.counters[FrameReject.JUNK]
-    if path is None or junk <= MOSTLY * reader.size_bytes:
+    path, junk = reader.path, reader.counters[FrameReject.JUNK]
+    if junk <= MOSTLY * reader.size_bytes:
         return
     zeros = 0
     with opened(path) as file:

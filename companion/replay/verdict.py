@@ -151,7 +151,9 @@ def _gnss(found: dict[str, Any]) -> Iterator[Finding]:
     if not gnss.get("fixes"):
         yield _say("warning", "There was no GNSS receiver.")
         return
-    if gnss["share_3d"] < 0.5:
+    if gnss["share_3d"] == 0.0:
+        yield _say("warning", "GNSS never had a 3D fix.")
+    elif gnss["share_3d"] < 0.5:
         text = f"GNSS had a 3D fix for only {gnss['share_3d']:.0%} of the time."
         yield _say("warning", text)
     wander_m = gnss.get("wander_m", math.nan)

@@ -29,6 +29,8 @@ The rest is off unless asked for:
 - drift: weather and warm-up that nobody simulates; the residual of real flights drifts by
   0.001-0.003 m/s over 1800 s, and walks by 0.02 m/sqrt(s);
 - stamp jitter: a bus or a logger stamps a reading late, by up to 0.3 s at an avionics unit;
+- thrust: the slipstream of propellers changes the pressure where the barometer sits, in proportion
+  to the throttle; calibrations of multirotors in public logs are -40 to -200 Pa at full throttle;
 - acceleration: the membrane's own weight. No data sheet of the presets tells it: turn the board
   over and halve the change.
 """
@@ -137,6 +139,8 @@ class BarometerConfig(SensorConfig):
     lift_pa: Annotated[float, Field(ge=-1000.0, le=1000.0)] = 0.0
     """pressure rise at the port once the wing carries (480 Pa of dynamic pressure), in proportion
     below"""
+    thrust_pa: Annotated[float, Field(ge=-1000.0, le=1000.0)] = 0.0
+    """pressure rise at the port at full throttle, in proportion to the throttle"""
     drift_sd_pa_per_s: NonNegative = 0.0
     """standard deviation of the drift rate, a first-order Gauss-Markov process over 1800 s"""
     walk_pa_rts: NonNegative = 0.0
@@ -200,6 +204,7 @@ class Barometer:
             (
                 self.static_port,
                 config.lift_pa,
+                config.thrust_pa,
                 config.sideslip,
                 self.ground_effect,
                 config.acceleration_pa_per_g,
@@ -241,7 +246,8 @@ class Barometer:
         )
         slip = config.sideslip * math.sin(flow.sideslip_rad) ** 2
         lift_pa = config.lift_pa * min(1.0, flow.dynamic_pressure_pa / LIFT_OFF_PA)
-        return lift_pa + flow.dynamic_pressure_pa * (ground - self.static_port - slip)
+        flow_pa = flow.dynamic_pressure_pa * (ground - self.static_port - slip)
+        return lift_pa + config.thrust_pa * max(0.0, flow.throttle) + flow_pa
 
 
 def _specimen(sd: float, seed: int, name: str) -> float:

@@ -3,6 +3,7 @@ loopback."""
 
 import json
 import os
+import re
 import signal
 import time
 from collections.abc import Iterator
@@ -49,6 +50,9 @@ def check(table: list[jobs.Row], out: Path) -> None:
     document = json.loads((out / "fleet.json").read_text())
     assert document["schema"] == "kollsman-report/1"
     assert len(document["sessions"]) == len(table)
+    links = re.findall(r'<a href="([^"]+)"', (out / "index.html").read_text(encoding="utf-8"))
+    assert len(set(links)) == GOOD
+    assert all((out / link).is_file() for link in links)
 
 
 def test_a_batch_goes_on_where_it_was_stopped(folder: Path, tmp_path: Path) -> None:

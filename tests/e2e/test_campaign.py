@@ -9,6 +9,7 @@ import time
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -192,15 +193,22 @@ def test_command_on_two_processes(tmp_path: Path) -> None:
         "2",
     ]
     done = subprocess.run(
-        [*command, "--estimator", "adaptive-fusion", "--out", str(tmp_path)],
+        [
+            *(*command, "--estimator", "adaptive-fusion", "--out", str(tmp_path)),
+            *("--expect", "max<50", "--expect", "max<0.01"),
+            *("--junit", str(tmp_path / "found.xml")),
+        ],
         capture_output=True,
         text=True,
         timeout=300,
         check=False,
     )
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == 3, done.stderr
     assert "adaptive-fusion" in done.stdout
+    assert "short-hop seed 2 adaptive-fusion: max<0.01 NOT met" in done.stderr
     assert len(campaign.read(tmp_path / "campaign.parquet")) == 8
+    suite = ElementTree.parse(tmp_path / "found.xml").getroot()
+    assert (suite.attrib["tests"], suite.attrib["failures"]) == ("4", "2")
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""`kollsman tune damping-loop` as a user types it."""
+"""`kollsman tune --estimator damping-loop` as a user types it."""
 
 import sys
 from pathlib import Path
@@ -36,8 +36,9 @@ def test_finds_gains_that_can_be_configured(
         capsys,
         monkeypatch,
         "tune",
-        "damping-loop",
         short_hop,
+        "--estimator",
+        "damping-loop",
         "--generations",
         "10",
         "--out",
@@ -59,12 +60,18 @@ def test_finds_gains_that_can_be_configured(
     settings = load_settings(gains)
     assert settings.estimator == "damping-loop"
     assert gains.read_text() in out
-    again = call(capsys, monkeypatch, "tune", "damping-loop", short_hop, "--generations", "10")[1]
+    again = call(
+        capsys, monkeypatch, "tune", short_hop, "--estimator", "damping-loop", "--generations", 10
+    )[1]
     assert gains.read_text() in again  # the same seed
 
 
 @pytest.mark.parametrize(
-    "arguments", [("adaptive-fusion", "x.tlog"), ("damping-loop", "no-such.tlog")]
+    "arguments",
+    [
+        ("x.tlog", "--estimator", "robust-altimeter"),
+        ("no-such.tlog", "--estimator", "damping-loop"),
+    ],
 )
 def test_a_mistake_is_one_line(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]
@@ -79,7 +86,12 @@ def test_a_slow_imu_cannot_serve(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     code, out = call(
-        capsys, monkeypatch, "tune", "damping-loop", REAL / "bruno_20211202-132614.tlog"
+        capsys,
+        monkeypatch,
+        "tune",
+        REAL / "bruno_20211202-132614.tlog",
+        "--estimator",
+        "damping-loop",
     )
     assert code == 1
     assert "slower than 10 Hz" in out

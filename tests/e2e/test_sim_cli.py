@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -30,14 +31,14 @@ def environment() -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": str(REPOSITORY), "COLUMNS": "120"}
 
 
-def run(*arguments: str, cwd: Path) -> "subprocess.CompletedProcess[str]":
+def run(*arguments: str, cwd: Path, timeout_s: float = 60) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(
         command(*arguments),
         cwd=cwd,
         env=environment(),
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=timeout_s,
         check=False,
     )
 
@@ -55,6 +56,26 @@ def test_fly_writes_the_same_bytes_in_every_process_and_nothing_else(tmp_path: P
         hashlib.sha256(path.read_bytes()).hexdigest() for path in (here, tmp_path / "hop.tlog")
     ]
     assert hashes[0] == hashes[1]
+
+
+def test_expectations_of_a_flight_are_an_exit_code_and_a_junit_file(tmp_path: Path) -> None:
+    (tmp_path / "stand.yaml").write_text(STANDING.replace("15}", "75}"))
+    conditions = ("--expect", "max<50", "--expect", "rmse<0.001", "--junit", "found.xml")
+    result = run("fly", "stand.yaml", "--tlog", "a.tlog", *conditions, cwd=tmp_path, timeout_s=300)
+    assert result.returncode == 3
+    assert "a.tlog session 1: max<50 met" in result.stdout
+    assert "a.tlog session 1: rmse<0.001 NOT met" in result.stderr
+    suite = ElementTree.parse(tmp_path / "found.xml").getroot()
+    assert suite.attrib["tests"] == "2"
+    assert suite.attrib["failures"] == "1"
+    assert [case.attrib["name"] for case in suite] == ["max<50", "rmse<0.001"]
+    nothing = run("fly", "stand.yaml", "--tlog", "b.tlog", "--expect", "worst<1", cwd=tmp_path)
+    assert nothing.returncode == 1
+    assert "worst<1" in nothing.stderr
+    link = run(
+        "fly", "stand.yaml", "--link", "udpout:127.0.0.1:9", "--expect", "max<1", cwd=tmp_path
+    )
+    assert link.returncode == 2
 
 
 def test_a_scenario_file_of_one_s_own(tmp_path: Path) -> None:

@@ -40,6 +40,7 @@ from companion.estimators.judging import (
     judge_pressure,
     place,
     reset,
+    score,
     state_dtype,
     tally,
 )
@@ -130,6 +131,7 @@ def z_update(state: Rows, params: Rows, time_us: int, fix_m: float, R_GPS: float
     if math.isnan(baro):
         return STALE
     innovation = z_innovation(s.error, s.motion, params, s.baro_m - baro, baro, fix_m)
+    score(state, innovation, spread(s.error.P, s.error.H) + params[0].R_B + R_GPS)
     return z_correct(s.error, s.motion, params, time_us, innovation, R_GPS)
 
 
@@ -395,4 +397,11 @@ METHOD = Method(
     run=run,
     datum_invariant=False,
     follows_baro_step=True,
+    tunable=(
+        "scale_walk_per_second",
+        "bias_walk_m2ps",
+        "baro_variance_m2",
+        "gnss_sd_floor_m",
+        "temperature_sd_k",
+    ),
 )

@@ -53,6 +53,7 @@ from companion.estimators.judging import (
     judge_pressure,
     place,
     reset,
+    score,
     state_dtype,
     tally,
 )
@@ -78,6 +79,7 @@ from companion.kernels.attitude import (
     attitude_vehicle,
     imu_can_be_integrated,
 )
+from companion.kernels.gnss import gnss_sd_m
 from companion.samples import Kind, Rows, Tables, readable, rows
 
 LOWEST_PA, HIGHEST_PA = 1_000.0, 120_000.0
@@ -188,6 +190,9 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     baro_m = baro_at_m(state, time_us)
     if elapsed_s > GAP_S and s.fixes.gnss_sd_m > 0.0:
         resume_fixes(s.ins, s.fixes, growth_m2(s.outage, time_us, baro_m))
+    sd_m, down = gnss_sd_m(sample, p.gnss_sd_floor_m, p.gnss_sd_unknown_m), POSITION + DOWN
+    S = s.ins.P[down, down] + sd_m * sd_m
+    score(state, sample[0].altitude_amsl_m - s.ins.track.at[2], S)
     verdict = fuse_height(s.ins, s.fixes, params, sample, age_s, elapsed_s, weight)
     if verdict == USED and not math.isnan(baro_m):
         note_difference(
@@ -361,5 +366,14 @@ METHOD = Method(
     run=run,
     datum_invariant=False,
     follows_baro_step=True,
+    tunable=(
+        "baro_sd_m",
+        "baro_walk_m_rts",
+        "baro_scale_walk_rts",
+        "gnss_sd_floor_m",
+        "accel_noise_mps2_rthz",
+        "accel_walk_mps2_rts",
+        "coast_noise_mps2_rthz",
+    ),
     optional=frozenset({Kind.ATTITUDE}),
 )

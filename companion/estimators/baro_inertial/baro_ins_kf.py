@@ -80,6 +80,7 @@ from companion.estimators.judging import (
     judge_pressure,
     place,
     reset,
+    score,
     state_dtype,
     tally,
 )
@@ -242,7 +243,8 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         innovation = calibrated - s.x[ALTITUDE] - s.x[BIAS] + s.x[V] * (s.x_us - time_us) * 1e-6
         if abs(innovation) <= gate_m(s.inputs, T):
             spread_out(state, params, T)
-            correct(s.x, s.P, s.H, s.K, innovation, params[0].R_m2)
+            S = correct(s.x, s.P, s.H, s.K, innovation, params[0].R_m2)
+            score(state, innovation, S)
             s.corrected_us, s.inputs.wait_us = time_us, -1
             write_estimate(state, params, estimate)
             return tally(state, PRESSURE, USED)
@@ -376,4 +378,12 @@ METHOD = Method(
     run=run,
     datum_invariant=False,
     follows_baro_step=False,
+    tunable=(
+        "baro_bias_sd_m",
+        "baro_bias_time_s",
+        "baro_sd_m",
+        "acceleration_noise_mps2_rthz",
+        "unknown_acceleration_mps2_rthz",
+        "accelerometer_bias_sd_mps2",
+    ),
 )

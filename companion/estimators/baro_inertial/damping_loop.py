@@ -20,7 +20,8 @@ The loop is
 
 with the poles of s^3 + K1 s^2 + (K2 - 2 w_s^2) s + K3, stable when K1 (K2 - 2 w_s^2) > K3. The
 paper's gains have poles -2.8810 and -.0595 +- .5466 i: a damping ratio of .108, which rings for a
-minute. `kollsman tune damping-loop LOG` finds others (`companion.estimators.baro_inertial.tuning`).
+minute. `kollsman tune LOG --estimator damping-loop` finds others
+(`companion.estimators.baro_inertial.tuning`).
 
 Discretisation
 --------------

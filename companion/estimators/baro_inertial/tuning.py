@@ -1,5 +1,5 @@
 """Gains of the damping loop from a flight, by the paper's genetic algorithm: `kollsman tune
-damping-loop LOG`.
+LOG --estimator damping-loop`.
 
 J. Keighobadi, H. Nourmohammadi, S. Rafatnia, section III. A string of 15 bits holds the three
 gains, 5 bits each, on [0, 3], [0, 1] and [0, 1]: its own result (3.00, .6452, .8710) is 31/31,

@@ -66,4 +66,5 @@ def conclude(state: Rows, params: Rows, estimate: Rows) -> None:
         note_takeoff(s.aids, s.bank.now_us)
     if s.takeoff.time_us < 0 and not s.gnss.ground_speed_mps > REST_SPEED_MPS:
         fuse_field(s.aids, s.bank, p)
+    state[0].log_likelihood, state[0].innovations = s.bank.evidence, s.bank.heard
     publish(state, params, estimate)

@@ -50,6 +50,8 @@ SOFT_SIGMA = 3.0
 """no single barometer height moves a channel by more than this many sigma"""
 OUTLIER_LOG = -11.0
 """least log-likelihood of a single barometer height: one in a hundred is anywhere within 600 m"""
+LEAST_DENSITY = 1.7e-5
+"""of any measurement in `evidence`: exp(OUTLIER_LOG)"""
 
 BANK = np.dtype(
     [
@@ -57,6 +59,8 @@ BANK = np.dtype(
         ("P", "f8", (N, SIZE, SIZE)),
         ("weight", "f8", (N,)),  # probabilities, which sum to 1
         ("log_likelihood", "f8", (N,)),  # of the newest measurement
+        ("evidence", "f8"),  # log-likelihood of all measurements under the mixture, tempered
+        ("heard", "f8"),  # sum of their tempering
         ("weather", "i8", (N,)),  # which kind
         ("jumped", "i8", (N,)),  # 1 when the receiver's fault came as a jump
         ("H", "f8", (SIZE,)),
@@ -232,7 +236,7 @@ def propagate(bank: Record, imu: Record, p: Record, dt: float, steps: int) -> No
 def fuse(bank: Record, z: float, R: float, temper: float, is_soft: int) -> None:
     """Correct every hypothesis by z = H x + white of variance R, and its probability by the
     tempered likelihood. A soft measurement may be an outlier."""
-    best = -math.inf
+    best, likelihood = -math.inf, 0.0
     for i in range(N):
         if bank.weight[i] == 0.0:
             continue
@@ -240,6 +244,7 @@ def fuse(bank: Record, z: float, R: float, temper: float, is_soft: int) -> None:
         known = gather(bank.P[i], bank.H, bank.K)
         S = known + R
         value = -0.5 * (math.log(S) + innovation * innovation / S)
+        likelihood += bank.weight[i] * math.exp(value)
         if is_soft == 1:
             value = max(value, OUTLIER_LOG)
             S = known + inflated(innovation, S, R, SOFT_SIGMA)
@@ -249,6 +254,8 @@ def fuse(bank: Record, z: float, R: float, temper: float, is_soft: int) -> None:
     for i in range(N):
         if bank.weight[i] > 0.0:
             bank.weight[i] *= math.exp(bank.log_likelihood[i] - best)
+    bank.evidence += temper * math.log(max(LEAST_DENSITY, likelihood / math.sqrt(math.tau)))
+    bank.heard += temper
     normalise(bank)
 
 

@@ -261,5 +261,15 @@ METHOD = Method(
     run=run,
     datum_invariant=False,
     follows_baro_step=True,
+    tunable=(
+        "accel_noise_mps2_rthz",
+        "blind_psd_m2ps3",
+        "offset_walk_m_rts",
+        "fast_sd_m",
+        "baro_sd_m",
+        "gnss_white_floor_m",
+        "gnss_slow_floor_m",
+        "timing_sd_s",
+    ),
     version=2,
 )

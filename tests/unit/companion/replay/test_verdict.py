@@ -134,3 +134,8 @@ def test_an_error_beyond_the_reported_accuracy_is_told() -> None:
         "level": "warning",
         "text": "Altitude was reported to be known within 2.1 m (95 %); the error was 4.0 m.",
     }
+
+
+def test_a_receiver_without_any_fix() -> None:
+    none = {"fixes": 100, "share_3d": 0.0, "median_sd_m": math.nan}
+    assert "GNSS never had a 3D fix." in verdict(summary(gnss=none))["verdict"]

@@ -134,7 +134,12 @@ def test_coefficients_of_a_simulated_flight_are_found_within_a_tenth(tmp_path: P
     for speed in (38, 52, 38, 52):
         profile.append({"leg": "hold", "duration_s": 60, "airspeed_mps": speed})
     scenario = validate(
-        {"name": "errors", "sensors": {"barometer": barometer}, "profile": profile},
+        {
+            "name": "errors",
+            "summary": "of a test",
+            "sensors": {"barometer": barometer},
+            "profile": profile,
+        },
         Scenario,
         source="test",
     )

@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from companion.estimators.judging import GATED, USED
+from companion.estimators.outage import moved_m2, note_difference
 from companion.jit import step
 from companion.kernels.atmosphere import L0_KPM, T0_K
 from companion.kernels.kalman import Array, correct, inflated, spread
@@ -205,3 +206,16 @@ def z_correct(
     if params[0].joint == 0:
         error.P[0, 1], error.P[1, 0] = 0.0, 0.0
     return USED if R_damped == R else GATED
+
+
+@step
+def note_outage(
+    error: Record, outage: Record, params: Rows, fix: Rows, baro: float, sd_m: float
+) -> None:
+    """A fix beside the barometer height of its time. After an outage b may have moved."""
+    if math.isnan(baro):
+        return
+    time_us = fix[0].time_us
+    if params[0].gnss_gate < math.inf:
+        error.P[1, 1] += moved_m2(outage, time_us, baro)
+    note_difference(outage, time_us, fix[0].altitude_amsl_m, baro, fix[0].ground_speed_mps, sd_m)

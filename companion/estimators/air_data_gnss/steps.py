@@ -8,6 +8,7 @@ from companion.estimators.air_data_gnss.error import (
     compensate,
     error_start,
     lambda_update,
+    note_outage,
     predict_error,
     refer_to,
     z_correct,
@@ -45,7 +46,7 @@ from companion.estimators.judging import (
     tally,
 )
 from companion.estimators.method import Method
-from companion.estimators.outage import OUTAGE, growth_m2, moved_m2, note_difference, outage_start
+from companion.estimators.outage import OUTAGE, growth_m2, outage_start
 from companion.estimators.setting import (
     SETTING,
     has_setting,
@@ -246,7 +247,7 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     s.fix_var_m2 = sd_m * sd_m if math.isnan(p.R_GPS) else p.R_GPS
     if s.since_us < 0:
         s.since_us = time_us
-    note_outage(state, params, sample, sd_m)
+    note_outage(s.error, s.outage, params, sample, baro_at(state, time_us), sd_m)
     if time_us - max(s.since_us, s.last_us[PRESSURE, 0]) > SILENCE_US:
         verdict = follow_gnss(state, params, time_us, fix_m)
     elif time_us <= s.last_us[PRESSURE, 0]:
@@ -256,20 +257,6 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         verdict = foreseen(state, params)
     write_estimate(state, params, estimate)
     return tally(state, GNSS, verdict)
-
-
-@step
-def note_outage(state: Rows, params: Rows, sample: Rows, sd_m: float) -> None:
-    """A fix beside the barometer height of its time. After an outage b may have moved."""
-    s, time_us = state[0], sample[0].time_us
-    baro = baro_at(state, time_us)
-    if math.isnan(baro):
-        return
-    if params[0].gnss_gate < math.inf:
-        s.error.P[1, 1] += moved_m2(s.outage, time_us, baro)
-    note_difference(
-        s.outage, time_us, sample[0].altitude_amsl_m, baro, sample[0].ground_speed_mps, sd_m
-    )
 
 
 @step

@@ -43,6 +43,10 @@ class VehicleClock:
         self._late_us = round(settings.late_s * 1e6)
         self._late_from_us: int | None = None
         """the first late stamp since the last fresh one"""
+        self._beside_us: int | None = None
+        """by how much the newest late stamp beside fresh ones was late"""
+        self._is_copy = False
+        """whether the late stamps since the last fresh one are copies over a second path"""
         self._arrival_us = 0
         self._unconfirmed_us: int | None = None
         self._wraps = 0
@@ -101,21 +105,27 @@ class VehicleClock:
         return self._restart(time_us)
 
     def _is_alone(self, time_us: int) -> bool:
-        """Whether late stamps have gone on for a second without a fresh one: late copies come
-        beside fresh ones, a vehicle that restarted sends no fresh one any more."""
+        """Whether late stamps have gone on for a second without a fresh one.
+
+        Late copies come beside fresh stamps, a vehicle that restarted sends no fresh one any more.
+        Copies that were late by as much before go on when the other path ends: no restart.
+        """
         if time_us >= self.now_us - self._reorder_us:
             self._late_from_us = None
             return False
-        if self._late_from_us is None or time_us < self._late_from_us:
-            self._late_from_us = time_us
-        return time_us - self._late_from_us >= ALONE_US
+        if self._late_from_us is None:
+            late_us, before_us = self.now_us - time_us, self._beside_us
+            self._is_copy = before_us is not None and abs(late_us - before_us) < ALONE_US
+            self._late_from_us, self._beside_us = time_us, late_us
+        self._late_from_us = min(self._late_from_us, time_us)
+        return not self._is_copy and time_us - self._late_from_us >= ALONE_US
 
     def _restart(self, time_us: int) -> tuple[Clockwork, int]:
         """The vehicle's clock began anew."""
         self.now_us = self._boot_us = time_us = time_us - self._wraps * WRAP_MS * 1000
         self.reboots += 1
         self._wraps = 0
-        self._late_from_us = None
+        self._late_from_us = self._beside_us = None
         self._forget()
         return Clockwork.REBOOT, time_us
 

@@ -305,10 +305,3 @@ def test_twenty_minutes_of_changing_weather(seed: int) -> None:
     assert state.position is not None
     assert state.truth is not None
     assert state.position.altitude_amsl_m - state.truth.altitude_amsl_m > 15.0
-
-
-@pytest.mark.slow
-def test_twenty_minutes_to_a_log_are_flown_a_hundred_times_faster(tmp_path: Path) -> None:
-    summary = Flight(load_scenario("calm-circuit"), tlog=tmp_path / "log.tlog").run()
-    assert summary.duration_s > 1100.0
-    assert summary.speed_ratio > 100.0

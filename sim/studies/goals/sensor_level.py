@@ -25,6 +25,7 @@ AGE_US = {Kind.IMU: 2_000, Kind.PRESSURE: 63_000, Kind.GNSS: 170_000}
 """age of a row at its arrival: pressures and fixes arrive after newer IMU samples, as on a real
 link"""
 START_S = 30.0
+GROUND_SPEED_MPS, WIND_TIME_S = 30.0, 60.0
 SLOW_SHARE = 0.7
 """Slow part of a receiver's spread, and white part."""
 
@@ -64,6 +65,30 @@ def weather_rate(settings: VerticalBankSettings, rng: np.random.Generator, secon
     )
 
 
+def velocity_head_m(settings: VerticalBankSettings, rng: np.random.Generator, count: int) -> Array:
+    """Of a ground speed that stays and a wind that changes."""
+    wind_mps = gauss_markov(settings.wind_sd_mps, WIND_TIME_S, STEP_S, rng, count)
+    return (GROUND_SPEED_MPS + wind_mps) ** 2 / (2.0 * G0_MPS2)
+
+
+def baro_error_m(
+    settings: VerticalBankSettings, rng: np.random.Generator, climb: Array, seconds: int
+) -> Array:
+    """Weather, the scale of the column, gusts, static port, lag and white noise."""
+    n, root = climb.size, np.sqrt(STEP_S)
+    seconds_now = np.minimum((np.arange(n) * STEP_S).astype(np.int64), seconds - 1)
+    scale = rng.normal(0.0, settings.scale_sd_ratio)
+    scale = scale + settings.scale_walk_rts * np.cumsum(rng.normal(size=n)) * root
+    slow = rng.normal(0.0, 60.0) + np.cumsum(
+        weather_rate(settings, rng, seconds)[seconds_now] * STEP_S
+    )
+    slow += settings.offset_walk_m_rts * np.cumsum(rng.normal(size=n)) * root
+    slow += np.cumsum(scale * climb) * STEP_S
+    slow += gauss_markov(settings.fast_sd_m, settings.fast_time_s, STEP_S, rng, n)
+    port = rng.normal(0.0, settings.port_sd_ratio) * velocity_head_m(settings, rng, n)
+    return slow + port - rng.normal(0.0, settings.lag_sd_s) * climb + rng.normal(0.0, 0.3, n)
+
+
 def hour(seed: int, seconds: int = 3600, gnss_sd_m: float = 4.24, baro_hz: int = 5) -> Hour:
     """A healthy flight."""
     settings, rng = VerticalBankSettings(), np.random.default_rng(seed)
@@ -72,19 +97,7 @@ def hour(seed: int, seconds: int = 3600, gnss_sd_m: float = 4.24, baro_hz: int =
     climb = np.gradient(height, STEP_S)
     acceleration = np.gradient(climb, STEP_S)
     n = elapsed_s.size
-    seconds_now = np.minimum((elapsed_s).astype(np.int64), seconds - 1)
-    scale = rng.normal(0.0, 0.03) + settings.scale_walk_rts * np.cumsum(
-        rng.normal(size=n)
-    ) * np.sqrt(STEP_S)
-    slow = rng.normal(0.0, 60.0) + np.cumsum(
-        weather_rate(settings, rng, seconds)[seconds_now] * STEP_S
-    )
-    slow += (
-        settings.offset_walk_m_rts * np.cumsum(rng.normal(size=n)) * np.sqrt(STEP_S)
-        + np.cumsum(scale * climb) * STEP_S
-    )
-    slow += gauss_markov(settings.fast_sd_m, settings.fast_time_s, STEP_S, rng, n)
-    baro = height + slow + rng.normal(0.0, 0.3, n)
+    baro = height + baro_error_m(settings, rng, climb, seconds)
     bias = rng.normal(0.0, 0.1) + settings.accel_bias_walk_mps2_rts * np.cumsum(
         rng.normal(size=n)
     ) * np.sqrt(STEP_S)
@@ -109,7 +122,11 @@ def hour(seed: int, seconds: int = 3600, gnss_sd_m: float = 4.24, baro_hz: int =
     pressure["pressure_pa"] = pressure_pa(baro[::baro_every])
     gnss = tables[Kind.GNSS] = table_at(Kind.GNSS, elapsed_s[::gnss_every])
     gnss["altitude_amsl_m"], gnss["vertical_sd_m"], gnss["fix_type"] = fixes, gnss_sd_m, 3
-    gnss["latitude_deg"], gnss["ground_speed_mps"], gnss["course_rad"] = LATITUDE_DEG, 30.0, 0.7
+    gnss["latitude_deg"], gnss["ground_speed_mps"], gnss["course_rad"] = (
+        LATITUDE_DEG,
+        GROUND_SPEED_MPS,
+        0.7,
+    )
     return Hour(elapsed_s, height, baro, tables)
 
 

@@ -128,6 +128,18 @@ class TestBootClock:
         assert bench.clock.reboots == 0
         assert bench.now_s == pytest.approx(stamp_s)
 
+    @pytest.mark.parametrize("late_s", [2.5, 3.0, 9.9])
+    def test_late_copies_that_go_on_alone_are_no_reboot(self, late_s: float) -> None:
+        """The first path ends; the second brings what is still on its way, and then more."""
+        bench = running(100.0)
+        for k in range(20):
+            bench.hear(100.0 + 0.1 * k)
+            bench.hear(100.0 + 0.1 * k - late_s)
+        last_s = 101.9
+        assert set(bench.run(last_s - late_s + 0.1, last_s + 5.0)) == {TICK}
+        assert bench.clock.reboots == 0
+        assert bench.now_s == pytest.approx(last_s + 5.0, abs=0.2)
+
     def test_late_copies_of_a_fix_keep_their_time(self) -> None:
         bench = running(100.0)
         for k in range(100):

@@ -16,7 +16,7 @@ from pathlib import Path
 from companion import locations
 from companion.config import validate
 from companion.errors import ConfigError
-from companion.known_air import AirSettings, KnownAir, LiveAir
+from companion.known_air import AirSettings, KnownAir
 
 logger = logging.getLogger("kollsman.service")
 
@@ -74,8 +74,9 @@ class AirStore:
         """Set in `air` what was kept and is not given in the configuration."""
         values = self._read()
         age_s = self._wall_s() - values.pop("unix_s", 0.0)
-        if given.report.qnh_hpa is not None:  # one tells the other
-            values.pop("field_elevation_m", None)
+        if given.report.qnh_hpa is not None or given.field_elevation_m is not None:
+            for key in ("qnh_hpa", "field_elevation_m"):  # one tells the other
+                values.pop(key, None)
         taken = {
             key: value
             for key, value in values.items()
@@ -85,7 +86,7 @@ class AirStore:
         if not taken:
             return
         try:
-            known = validate(dict(taken), LiveAir, source=str(self.path))
+            known = validate(dict(taken), AirSettings, source=str(self.path))
         except ConfigError as error:
             logger.warning("kept parameters not used: %s", error)
             return

@@ -1,17 +1,25 @@
 """Values of the air that the user gives: QNH, air temperature, field elevation.
 
 They come from section ``air`` of the configuration, or live through `KnownAir.set`. The pipeline
-gives them to the estimator as an AIR sample before the next pressure.
+gives them to the estimator as an AIR sample before the next pressure; the elevation of the field,
+while the vehicle rests on it (`companion.at_rest`), again every two seconds.
 """
 
+import logging
 import re
 from typing import NamedTuple
 
 from pydantic import Field, field_validator, model_validator
 
+from companion.at_rest import AtRest
 from companion.config import Settings, validate
+from companion.samples import Kind, Rows
+
+logger = logging.getLogger("kollsman.air")
 
 HPA_PER_INHG = 33.86389
+AGAIN_US = 2_000_000
+"""The elevation is told again after this long at rest: fixes have moved the estimate since."""
 _QNH = re.compile(r"\bQ(\d{4})\b")
 _ALTIMETER = re.compile(r"\bA(\d{4})\b")
 _TEMPERATURE = re.compile(r"\b(M?\d{2})/(?:M?\d{2}|//)?(?=\s|$)")
@@ -48,6 +56,10 @@ class AirSettings(Settings):
     """METAR of the field of the take-off, such as "LSZH 281420Z 24008KT CAVOK 12/08 Q1013": its QNH
     and temperature, where qnh_hpa and temperature_c are not given."""
 
+    field_elevation_m: float | None = Field(None, ge=-500, le=9000)
+    """elevation of the field of the take-off, m above sea level: the height of a vehicle that rests
+    there before its flight, good to 1 m; default: as GNSS shows."""
+
     @field_validator("metar")
     @classmethod
     def _tells_something(cls, metar: str | None) -> str | None:
@@ -72,19 +84,27 @@ class AirSettings(Settings):
         )
 
 
-class LiveAir(AirSettings):
-    """What `KnownAir.set` takes: the keys of section ``air`` and the field's elevation."""
+class Known(NamedTuple):
+    """What an AIR sample tells; None is unknown."""
 
-    field_elevation_m: float | None = Field(None, ge=-500, le=9000)
-    """elevation of the field on which the vehicle rests."""
+    temperature_c: float | None = None
+    qnh_hpa: float | None = None
+    field_elevation_m: float | None = None
+    """of the field on which the vehicle rests now"""
+    qnh_elevation_m: float | None = None
+    """where the QNH was measured"""
+    qnh_sd_pa: float | None = None
+    """of a QNH that is measured now"""
 
 
 class KnownAir:
-    """The values, and whether the estimator still has to get them."""
+    """The values, and what of them the estimator has still to be told."""
 
     def __init__(self, settings: AirSettings) -> None:
         self.qnh_hpa, self.temperature_c = settings.report
-        self.field_elevation_m: float | None = None
+        self.field_elevation_m = settings.field_elevation_m
+        self._at_rest = AtRest()
+        self._warned = False
         self.restart()
 
     def set(
@@ -103,15 +123,60 @@ class KnownAir:
             "field_elevation_m": field_elevation_m,
             "metar": metar,
         }
-        live = validate({k: v for k, v in given.items() if v is not None}, LiveAir, source="air")
+        live = validate(
+            {k: v for k, v in given.items() if v is not None}, AirSettings, source="air"
+        )
         report = live.report
         if report.temperature_c is not None:
             self.temperature_c = report.temperature_c
         if report.qnh_hpa is not None or live.field_elevation_m is not None:
             self.qnh_hpa, self.field_elevation_m = report.qnh_hpa, live.field_elevation_m
+            self._at_rest.forget_flight()
         self.restart()
 
     def restart(self) -> None:
-        """The estimator started anew: give it the values again."""
-        values = (self.qnh_hpa, self.temperature_c, self.field_elevation_m)
-        self.waits = any(value is not None for value in values)
+        """The estimator knows nothing any more: tell it again."""
+        self._untold = self.qnh_hpa is not None or self.temperature_c is not None
+        self._elevation_us: int | None = None
+
+    def sample(self, kind: Kind, row: Rows) -> None:
+        """Follow a sample, shape (1,), of the vehicle."""
+        if kind is Kind.STATUS or self.field_elevation_m is not None:
+            self._at_rest.sample(kind, row)
+
+    def follow(self, kind: Kind, row: Rows, now_us: int) -> Known | None:
+        """`sample`; and before a pressure what to `tell`."""
+        self.sample(kind, row)
+        return self.tell(now_us) if kind is Kind.PRESSURE else None
+
+    def tell(self, now_us: int) -> Known | None:
+        """What to tell with the pressure of now; None when the estimator knows it all."""
+        known = Known()
+        if self._untold:
+            at_m = self.field_elevation_m if self.qnh_hpa is not None else None
+            known = Known(self.temperature_c, self.qnh_hpa, qnh_elevation_m=at_m)
+            self._untold = False
+        if self._is_elevation_due(now_us):
+            self._elevation_us = now_us
+            known = known._replace(
+                field_elevation_m=self.field_elevation_m, temperature_c=self.temperature_c
+            )
+        return known if known != Known() else None
+
+    def _is_elevation_due(self, now_us: int) -> bool:
+        told_us = self._elevation_us
+        if self.field_elevation_m is None or (
+            told_us is not None and 0 <= now_us - told_us < AGAIN_US
+        ):
+            return False
+        if not self._at_rest.rests(now_us):
+            return False
+        apart_m = self._at_rest.contradiction_m(now_us, self.field_elevation_m)
+        if apart_m and not self._warned:
+            logger.warning(
+                "air.field_elevation_m %.0f m is not used: GNSS is %.0f m beside it",
+                self.field_elevation_m,
+                apart_m,
+            )
+        self._warned = bool(apart_m)
+        return not apart_m

@@ -15,7 +15,7 @@ from companion.estimators import ESTIMATORS, Filter
 from companion.feedback import Feedback, Situation
 from companion.health import HealthMonitor
 from companion.intake import Intake, SampleReject, restart_row
-from companion.known_air import KnownAir, LiveAir
+from companion.known_air import AirSettings, KnownAir
 from companion.mavlink import convert
 from companion.mavlink.codec import Decoder, Encoder, Frame, Message, mavlink
 from companion.mavlink.commands import Commands
@@ -93,7 +93,7 @@ class Pipeline:
         self._encoders: dict[tuple[int, int], Encoder] = {}
         self.commands, self._host_us = Commands(intervals(settings.publish)), 0
         self.parameters = Parameters(
-            settings, LiveAir, lambda key: getattr(self.air, key), self._set_air
+            settings, AirSettings, lambda key: getattr(self.air, key), self._set_air
         )
         self._requests = Requests(self.parameters, self.commands)
         self._wanted = self.readings.message_ids | {SYSTEM_TIME, ALTITUDE, GLOBAL_POSITION_INT}
@@ -337,9 +337,8 @@ class Pipeline:
 
     def _sample(self, kind: Kind, row: Rows) -> list[bytes]:
         """Give a sample to the estimator and its verdict to all who follow it."""
-        if self.air.waits and kind is Kind.PRESSURE:
-            self.air.waits = False
-            self._sample(Kind.AIR, self.intake.air(self.air, row))
+        known = self.air.follow(kind, row, self.now_us)
+        sent = self._sample(Kind.AIR, self.intake.air(known, row)) if known is not None else []
         self.identity.measured(kind)
         self.checker.sample(kind, row)
         verdict = self.filter.step(kind, row)
@@ -349,7 +348,7 @@ class Pipeline:
         self.outputs.sample(kind, row, verdict, self.filter.estimate)
         if self._observer is not None:
             self._observer.sample(kind, row, verdict, self.filter.estimate)
-        return self._react(used=verdict is Verdict.USED)
+        return sent + self._react(used=verdict is Verdict.USED)
 
     def _react(self, *, used: bool) -> list[bytes]:
         """What is due now that the vehicle's clock has moved: health, ALTITUDE, DEBUG."""

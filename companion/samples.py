@@ -130,6 +130,8 @@ DTYPES: Mapping[Kind, np.dtype[Any]] = {
         ("air_temperature_k", "f8"),
         ("qnh_pa", "f8"),
         ("field_elevation_m", "f8"),  # of the ground that the vehicle rests on
+        ("qnh_elevation_m", "f8"),  # where the QNH was measured
+        ("qnh_sd_pa", "f8"),  # of a QNH that is measured now; NaN for one that was told
     ),
     Kind.STATUS: _dtype(
         ("armed", "i8"),  # 1, 0, -1 unknown

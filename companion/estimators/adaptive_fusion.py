@@ -41,7 +41,8 @@ Departures
 - The estimate's ``altitude_sd_m`` is not sqrt(P). When (28) fires, the estimate is exactly h^GPS -
   R_GPS / Delta, with mean square error about R_GPS + 3 R_GPS^2 / Delta^2: above plain GPS, never
   below it as P says. When it does not fire the error is that of (13) plus the unexplained part of
-  (1-K) Delta. It grows while there is no fix, at the rate that weather can move the pressure level.
+  (1-K) Delta. It grows while there is no fix, as the barometer's error can
+  (`companion.estimators.outage`).
 - Climb is the slope of the barometer height, smoothed over one second; the paper has none.
 - A fix without a barometer height within two seconds of it is taken as it is: GNSS height alone,
   the limit R_B -> infinity. The last correction is kept for a barometer that comes back.
@@ -80,6 +81,7 @@ from companion.estimators.judging import (
     tally,
 )
 from companion.estimators.method import Method
+from companion.estimators.outage import OUTAGE, growth_m2, note_difference, outage_start
 from companion.estimators.params import EstimatorSettings
 from companion.estimators.setting import (
     SETTING,
@@ -104,6 +106,7 @@ RING_SIZE = 128  # the delay horizon of a second and more, at 100 Hz
 
 STATE = state_dtype(
     ("setting", SETTING),
+    ("outage", OUTAGE),
     ("level_m", "f8"),  # newest pressure altitude, geopotential
     *ring_fields("level", RING_SIZE),  # the recent ones
     ("baro_m", "f8"),  # newest barometer height h^B
@@ -132,8 +135,6 @@ class AdaptiveFusionSettings(EstimatorSettings):
     """least standard deviation of a GNSS height; a smaller reported accuracy is raised to it"""
     gnss_sd_unknown_m: float = Field(13.0, gt=0, le=1000)
     """standard deviation of a GNSS height whose receiver reports no accuracy"""
-    pressure_drift_mps: float = Field(0.01, ge=0, le=10)
-    """drift of the pressure level by weather between fixes: .01 m/s is 4 hPa an hour"""
 
     def derived(self) -> Mapping[str, Any]:
         """The letters of the paper."""
@@ -158,6 +159,7 @@ def start(state: Rows) -> None:
     reset(state)
     clear(state[0].level_us, state[0].level_values)
     setting_start(state[0].setting)
+    outage_start(state[0].outage)
     state[0].level_m = math.nan
     state[0].baro_m = math.nan
     state[0].climb_mps = math.nan
@@ -251,6 +253,14 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         s.corrected_us, s.R_GPS_m2 = sample[0].time_us, R_GPS
         adapt(state, params, sample[0].altitude_amsl_m - indicated_m(s.setting, level_m))
         score(state, s.delta_m, p.R_B_m2 + R_GPS)
+        note_difference(
+            s.outage,
+            sample[0].time_us,
+            sample[0].altitude_amsl_m,
+            geometric_m(level_m),
+            sample[0].ground_speed_mps,
+            sd_m,
+        )
         write_estimate(state, params, estimate)
     return tally(state, GNSS, USED)
 
@@ -278,8 +288,9 @@ def write_estimate(state: Rows, params: Rows, estimate: Rows) -> None:
     """The newest barometer height with the last correction, its spread grown by the time since; or
     without it, where a setting is known and has the smaller spread."""
     s = state[0]
-    drift_m = params[0].pressure_drift_mps * max(0.0, (s.now_us - s.corrected_us) * 1e-6)
-    sd_m = math.inf if s.corrected_us < 0 else math.sqrt(s.sd_m * s.sd_m + drift_m * drift_m)
+    sd_m = math.inf
+    if s.corrected_us >= 0:
+        sd_m = math.sqrt(s.sd_m * s.sd_m + growth_m2(s.outage, s.now_us, geometric_m(s.level_m)))
     correction_m = s.K * s.delta_m
     if is_set(s.setting) and not math.isnan(s.level_m):
         indicated_sd = indicated_sd_m(s.setting, s.baro_m, s.now_us)

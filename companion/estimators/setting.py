@@ -1,10 +1,11 @@
 """The setting window of an altimeter, shared by the estimators: altitude from pressure and QNH.
 
 An altimeter set to a QNH indicates H_p(p) - H_p(QNH), geopotential. The setting comes in AIR
-samples: a QNH, or the known elevation of the field on which the vehicle rests. An air temperature
-in the same sample is that of the field: heights above the field are then scaled by its ratio to the
-standard temperature there. An estimator holds a `SETTING` record, calls `note_air` for an AIR
-sample that `judge_air` admits, and asks `indicated_m` and `indicated_sd_m`.
+samples: a QNH, or the known elevation of the field on which the vehicle rests; the elevation counts
+more, as it sets the altimeter to the vehicle's own barometer. An air temperature in the same sample
+is that of the field: heights above the field are then scaled by its ratio to the standard
+temperature there. An estimator holds a `SETTING` record, calls `note_air` for an AIR sample that
+`judge_air` admits, and asks `indicated_m` and `indicated_sd_m`.
 
 The spread of the indicated altitude has four parts: that of the setting itself, weather since it
 was set, the temperature of the column between the field and the vehicle, and the barometer's own
@@ -46,6 +47,8 @@ SEA_LEVEL_M = 0.0
 SETTING_SD_PA = 60.0
 """Spread of a setting: METARs are whole hectopascals, rounded down, and the field is not the
 station; with the barometer's calibration of 50 Pa."""
+ELEVATION_SD_M = 1.0
+"""Spread of a setting by the field's elevation: that of the place on the field."""
 STANDARD_SD_PA = 1_000.0
 """Spread of the sea-level pressure about 1013.25 hPa where no setting is known."""
 WEATHER_MPS = 0.003
@@ -61,6 +64,8 @@ M_PER_PA = 0.0832
 SETTING = np.dtype(
     [
         ("qnh_pa", "f8"),  # NaN unknown
+        ("sd_m", "f8"),  # of the indicated altitude, when it was set
+        ("told_pa", "f8"),  # the QNH that was told last, NaN none
         ("set_us", "i8"),
         ("field_m", "f8"),  # height where the setting holds; NaN: where the next pressure is
         ("elevation_m", "f8"),  # known elevation that waits for a pressure, NaN none
@@ -76,7 +81,7 @@ SETTING = np.dtype(
 def setting_start(setting: Record) -> None:
     """No setting known."""
     setting.qnh_pa, setting.field_m, setting.elevation_m = math.nan, math.nan, math.nan
-    setting.air_k = math.nan
+    setting.told_pa, setting.sd_m, setting.air_k = math.nan, math.nan, math.nan
     setting.set_us, setting.is_new = -1, 0
 
 
@@ -123,34 +128,43 @@ def admit_setting(state: Rows, sample: Rows, warms: bool) -> int:
 
 @step
 def note_air(setting: Record, sample: Rows, in_flight: bool) -> bool:
-    """Take the setting of an AIR sample; whether it differs from the one known.
+    """Take the setting of an AIR sample; whether it tells anything new.
 
-    A setting that comes before the first pressure holds where the vehicle is. One that comes later
-    holds at the field's elevation, or at sea level while that is unknown; an air temperature is
-    then not used, since nothing tells its height.
+    A QNH that comes before the first pressure holds where the vehicle is. One that comes later
+    holds where it was measured, or at sea level while that is unknown; an air temperature is then
+    not used, since nothing tells its height.
     """
-    qnh, elevation, air_k = (
+    qnh, at_m, elevation, air_k = (
         sample[0].qnh_pa,
+        sample[0].qnh_elevation_m,
         sample[0].field_elevation_m,
         sample[0].air_temperature_k,
     )
+    has_qnh, is_measured = LOWEST_QNH_PA <= qnh <= HIGHEST_QNH_PA, sample[0].qnh_sd_pa > 0.0
     knows_field = LOWEST_FIELD_M <= elevation <= HIGHEST_FIELD_M
+    if has_qnh and knows_field and math.isnan(at_m):
+        at_m, knows_field = elevation, False
     field_m = math.nan
-    if knows_field:
-        field_m = elevation
+    if LOWEST_FIELD_M <= at_m <= HIGHEST_FIELD_M:
+        field_m = at_m
     elif in_flight:
         field_m = SEA_LEVEL_M if math.isnan(setting.field_m) else setting.field_m
     warms = has_temperature(sample) and (knows_field or field_m != SEA_LEVEL_M)
-    if LOWEST_QNH_PA <= qnh <= HIGHEST_QNH_PA:
-        if qnh == setting.qnh_pa and not (warms and air_k != setting.air_k):
-            return False
-        setting.qnh_pa, setting.field_m, setting.elevation_m = qnh, field_m, math.nan
-    elif knows_field:
+    is_told = knows_field
+    if has_qnh and (is_measured or qnh != setting.told_pa):
+        setting.qnh_pa, setting.told_pa, setting.elevation_m = qnh, qnh, math.nan
+        setting.sd_m = M_PER_PA * (sample[0].qnh_sd_pa if is_measured else SETTING_SD_PA)
+        setting.field_m = field_m
+        is_told = True
+    if knows_field:
         setting.elevation_m = elevation
-    else:
+    if is_told:
+        setting.set_us = sample[0].time_us
+    elif not (has_qnh and warms and air_k != setting.air_k):
         return False
-    setting.air_k = air_k if warms else math.nan
-    setting.set_us, setting.is_new = sample[0].time_us, 1
+    if warms or not is_measured:
+        setting.air_k = air_k if warms else math.nan
+    setting.is_new = 1
     return True
 
 
@@ -160,6 +174,7 @@ def note_level(setting: Record, level_m: float) -> None:
     if not math.isnan(setting.elevation_m):
         setting.qnh_pa = qnh_pa(standard_pressure_pa(level_m), setting.elevation_m)
         setting.field_m, setting.elevation_m = setting.elevation_m, math.nan
+        setting.sd_m = ELEVATION_SD_M
     if math.isnan(setting.field_m) and not math.isnan(setting.qnh_pa):
         setting.field_m = indicated_m(setting, level_m)
 
@@ -168,6 +183,13 @@ def note_level(setting: Record, level_m: float) -> None:
 def is_set(setting: Record) -> bool:
     """Whether a setting is known."""
     return not math.isnan(setting.qnh_pa)
+
+
+@step
+def waits_for_level(setting: Record) -> bool:
+    """Whether the elevation of a vehicle at rest has just been told: it counts more than the GNSS
+    heights before it."""
+    return not math.isnan(setting.elevation_m)
 
 
 @step
@@ -193,4 +215,4 @@ def indicated_sd_m(setting: Record, altitude_m: float, now_us: int) -> float:
     weather_m = WEATHER_MPS * max(0.0, (now_us - setting.set_us) * 1e-6)
     ratio = COLUMN_RATIO if math.isnan(setting.air_k) else KNOWN_COLUMN_RATIO
     column_m = ratio * (altitude_m - field_m)
-    return math.hypot(math.hypot(SETTING_SD_PA * M_PER_PA, weather_m), column_m)
+    return math.hypot(math.hypot(setting.sd_m, weather_m), column_m)

@@ -14,7 +14,7 @@ from companion.intake.receivers import Receiver
 from companion.intake.screening import DatumScreen
 from companion.intake.settings import IntakeSettings
 from companion.intake.vehicle_clock import Clockwork, VehicleClock
-from companion.known_air import KnownAir
+from companion.known_air import Known
 from companion.mavlink.convert import ZERO_CELSIUS_K, Reading
 from companion.samples import DTYPES, MAX_INSTANCES, Kind, Rows, rows
 
@@ -109,7 +109,7 @@ class Intake:
         """The row, shape (1,), of the newest sample of a kind; NaN and 0 before the first."""
         return self._rows[kind]
 
-    def air(self, known: KnownAir, at: Rows) -> Rows:
+    def air(self, known: Known, at: Rows) -> Rows:
         """The sample row, shape (1,), of the known values of the air, at the time of another
         row."""
         row = self._rows[Kind.AIR]
@@ -120,6 +120,8 @@ class Intake:
             _or_nan(known.temperature_c) + ZERO_CELSIUS_K,
             _or_nan(known.qnh_hpa) * 100.0,
             _or_nan(known.field_elevation_m),
+            _or_nan(known.qnh_elevation_m),
+            _or_nan(known.qnh_sd_pa),
         )
         return row
 

@@ -228,7 +228,7 @@ def imu_temperature(message: Message) -> Readings:
 
 
 def _air(base: TimeBase, stamp_us: int, instance: int, kelvin: float) -> Reading:
-    return Reading(Kind.AIR, base, stamp_us, instance, (kelvin, math.nan, math.nan))
+    return Reading(Kind.AIR, base, stamp_us, instance, (kelvin, *(math.nan,) * 4))
 
 
 THERMOMETERS: dict[str, dict[int, Callable[[Message], Readings]]] = {

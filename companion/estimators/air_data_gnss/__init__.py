@@ -51,7 +51,8 @@ Departures
   1/4 s) the barometer has jumped, or a and b are wrong, and are learned anew.
 - Without a barometer for three seconds the alpha-beta filter follows GNSS heights.
 - ``altitude_sd_m`` is not the paper's P, whose Q^b means 45 m a second. It is the covariance of the
-  correction after the last fix, grown as weather moves it, plus the barometer's noise and the half
+  correction after the last fix, grown as the barometer's error can
+  (`companion.estimators.outage`), plus the barometer's noise and the half
   of the GNSS variance that is correlated over minutes and does not average out.
 
 It uses no IMU.

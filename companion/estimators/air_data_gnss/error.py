@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from companion.estimators.judging import GATED, USED
+from companion.estimators.outage import moved_m2, note_difference
 from companion.jit import step
 from companion.kernels.atmosphere import L0_KPM, T0_K
 from companion.kernels.kalman import Array, correct, inflated, spread
@@ -30,7 +31,6 @@ ERROR = np.dtype(
         ("T_0", "f8"),  # the standard temperature there
         ("time_us", "i8"),  # until when Q^a and Q^b have been added
         ("P_settled", "f8", (2, 2)),  # P after the last fix, before its correlation is dropped
-        ("settled_us", "i8"),
         ("H", "f8", (2,)),
         ("K", "f8", (2,)),
         ("lambda_us", "i8"),  # of the last lambda-update
@@ -50,7 +50,7 @@ def error_start(error: Record, params: Rows) -> None:
     error.H_0, error.T_0 = p.H_0, p.T_0
     diagonal(error.P, p.P_a0, p.P_b0)
     diagonal(error.P_settled, p.P_a0, p.P_b0)
-    error.time_us, error.settled_us, error.lambda_us = -1, -1, -1
+    error.time_us, error.lambda_us = -1, -1
     error.H[0], error.H[1] = 0.0, 0.0
     error.K[0], error.K[1] = 0.0, 0.0
     error.innovation_m = math.nan
@@ -203,7 +203,19 @@ def z_correct(
     for i in range(2):
         for j in range(2):
             error.P_settled[i, j] = error.P[i, j]
-    error.settled_us = time_us
     if params[0].joint == 0:
         error.P[0, 1], error.P[1, 0] = 0.0, 0.0
     return USED if R_damped == R else GATED
+
+
+@step
+def note_outage(
+    error: Record, outage: Record, params: Rows, fix: Rows, baro: float, sd_m: float
+) -> None:
+    """A fix beside the barometer height of its time. After an outage b may have moved."""
+    if math.isnan(baro):
+        return
+    time_us = fix[0].time_us
+    if params[0].gnss_gate < math.inf:
+        error.P[1, 1] += moved_m2(outage, time_us, baro)
+    note_difference(outage, time_us, fix[0].altitude_amsl_m, baro, fix[0].ground_speed_mps, sd_m)

@@ -8,6 +8,7 @@ from companion.estimators.air_data_gnss.error import (
     compensate,
     error_start,
     lambda_update,
+    note_outage,
     predict_error,
     refer_to,
     z_correct,
@@ -45,6 +46,7 @@ from companion.estimators.judging import (
     tally,
 )
 from companion.estimators.method import Method
+from companion.estimators.outage import OUTAGE, growth_m2, outage_start
 from companion.estimators.setting import (
     SETTING,
     has_setting,
@@ -53,6 +55,7 @@ from companion.estimators.setting import (
     note_air,
     note_level,
     setting_start,
+    waits_for_level,
 )
 from companion.jit import step
 from companion.kernels.atmosphere import baro_altitude_m, pressure_altitude_m
@@ -66,15 +69,13 @@ SILENCE_US = 3_000_000
 AIR_REACH_US = 10_000_000
 """Longest age of a temperature that still belongs to the height of the next pressure."""
 RING_SIZE = 128  # the delay horizon of a second and more, at 100 Hz
-WEATHER_M2PS = 0.05
-"""Variance rate with which weather moves the correction while there is no fix: 3 m in 200 s, 13 m
-in an hour."""
 CORRELATED_SHARE = 0.5
 """Share of the variance of a GNSS height that does not average out: ionosphere, orbits,
 multipath."""
 
 STATE = state_dtype(
     ("setting", SETTING),
+    ("outage", OUTAGE),
     ("error", ERROR),
     ("motion", MOTION),
     ("gnss_alone", "i8"),
@@ -104,6 +105,7 @@ def start(state: Rows, params: Rows) -> None:
     reset(state)
     clear(s.baro_us, s.baro_values)
     setting_start(s.setting)
+    outage_start(s.outage)
     error_start(s.error, params)
     motion_start(s.motion)
     s.fix_us, s.since_us, s.temperature_us = -1, -1, -1
@@ -146,17 +148,22 @@ def fuse_waiting_fix(state: Rows, params: Rows) -> None:
 @step
 def fuse_setting(state: Rows, params: Rows, pressure_pa: float) -> None:
     """The z-update of a new setting of the altimeter, as one fix at the indicated altitude, where
-    it tells more than is known. The field of the setting becomes H_0, with T_0 there."""
+    it tells more than is known. The field of the setting becomes H_0, with T_0 there. The elevation
+    of a vehicle at rest tells more: what b is beside it is the slow error of the fixes before,
+    which P does not know."""
     s = state[0]
     if s.setting.is_new == 0:
         return
     s.setting.is_new = 0
+    at_rest = waits_for_level(s.setting)
     level_m = pressure_altitude_m(pressure_pa)
     note_level(s.setting, level_m)
     refer_to(s.error, params, s.setting.field_m)
     altitude_m = indicated_m(s.setting, level_m)
     sd_m = indicated_sd_m(s.setting, altitude_m, s.now_us)
     s.error.H[0], s.error.H[1] = s.motion.x[0] - s.error.H_0, 1.0
+    if at_rest:
+        s.error.P[1, 1] += (s.motion.x[0] - altitude_m) ** 2
     if sd_m * sd_m < spread(s.error.P, s.error.H):
         z_update(state, params, s.last_us[PRESSURE, 0], altitude_m, sd_m * sd_m)
 
@@ -240,6 +247,7 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     s.fix_var_m2 = sd_m * sd_m if math.isnan(p.R_GPS) else p.R_GPS
     if s.since_us < 0:
         s.since_us = time_us
+    note_outage(s.error, s.outage, params, sample, baro_at(state, time_us), sd_m)
     if time_us - max(s.since_us, s.last_us[PRESSURE, 0]) > SILENCE_US:
         verdict = follow_gnss(state, params, time_us, fix_m)
     elif time_us <= s.last_us[PRESSURE, 0]:
@@ -312,14 +320,9 @@ def write_estimate(state: Rows, params: Rows, estimate: Rows) -> None:
     variance = s.motion.P[0, 0] + s.slow_var_m2
     if s.gnss_alone == 0:
         s.error.H[0], s.error.H[1] = s.motion.x[0] - s.error.H_0, 1.0
-        age_s = (
-            0.0
-            if s.error.settled_us < 0
-            else max(0.0, (s.motion.time_us - s.error.settled_us) * 1e-6)
-        )
         variance = (
             spread(s.error.P_settled, s.error.H)
-            + WEATHER_M2PS * age_s
+            + growth_m2(s.outage, s.motion.time_us, s.baro_m)
             + min(p.R_B, s.motion.P[0, 0])
             + s.slow_var_m2
         )

@@ -5,7 +5,14 @@ import math
 import numpy as np
 
 from companion.estimators.baro_gnss_ins.corrections import watch_height
-from companion.estimators.baro_gnss_ins.filter import BARO_BIAS, BARO_SCALE, DOWN, GATE, N
+from companion.estimators.baro_gnss_ins.filter import (
+    BARO_BIAS,
+    BARO_SCALE,
+    DOWN,
+    GATE,
+    N,
+    widen_common,
+)
 from companion.estimators.baro_gnss_ins.spikes import (
     SCALE_HEIGHT_M,
     SPIKES,
@@ -15,7 +22,7 @@ from companion.estimators.baro_gnss_ins.spikes import (
 )
 from companion.estimators.baro_gnss_ins.strapdown import POSITION, VELOCITY
 from companion.estimators.judging import GATED, USED
-from companion.estimators.setting import indicated_m, indicated_sd_m, note_level
+from companion.estimators.setting import indicated_m, indicated_sd_m, note_level, waits_for_level
 from companion.jit import step
 from companion.kernels.atmosphere import geopotential_m
 from companion.kernels.kalman import Array, correct, inflated, spread
@@ -134,15 +141,20 @@ def calibrate(ins: Record, H: Array, z: float, R: float) -> None:
 @step
 def correct_offset(ins: Record, baro: Record, setting: Record, time_us: int) -> None:
     """The indicated altitude less the pressure altitude as one measurement of b + s h_p, where it
-    tells more than is known."""
+    tells more than is known. The elevation of a vehicle at rest does: what height and b are beside
+    it is the slow error of the fixes before, which P does not know."""
     setting.is_new = 0
+    at_rest = waits_for_level(setting)
     level_m = geopotential_m(baro.h_p_m)
     note_level(setting, level_m)
     altitude_m = indicated_m(setting, level_m)
     sd_m = indicated_sd_m(setting, altitude_m, time_us)
     H = ins.H
     H[BARO_BIAS], H[BARO_SCALE] = 1.0, baro.h_p_m
+    known_m = ins.b_m + ins.s * baro.h_p_m + ins.dx[BARO_BIAS] + ins.dx[BARO_SCALE] * baro.h_p_m
+    z = altitude_m - baro.h_p_m - known_m
+    if at_rest:
+        widen_common(ins.P, z * z)
     if sd_m * sd_m < spread(ins.P, H):
-        known_m = ins.b_m + ins.s * baro.h_p_m + ins.dx[BARO_BIAS] + ins.dx[BARO_SCALE] * baro.h_p_m
-        correct(ins.dx, ins.P, H, ins.K, altitude_m - baro.h_p_m - known_m, sd_m * sd_m)
+        correct(ins.dx, ins.P, H, ins.K, z, sd_m * sd_m)
     H[BARO_BIAS], H[BARO_SCALE] = 0.0, 0.0

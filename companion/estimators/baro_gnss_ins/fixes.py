@@ -45,6 +45,14 @@ def fixes_start(fixes: Record) -> None:
 
 
 @step
+def resume_fixes(ins: Record, fixes: Record, moved_m2: float) -> None:
+    """The first fix after a gap, in which height and b have moved together by this variance. What
+    fixes agreed on or contradicted before it is no evidence any more."""
+    widen_common(ins.P, moved_m2)
+    fixes.agreed_s, fixes.contradicted_s, fixes.mean_innovation_m = 0.0, 0.0, 0.0
+
+
+@step
 def fuse_height(
     ins: Record,
     fixes: Record,

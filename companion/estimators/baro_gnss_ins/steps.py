@@ -26,7 +26,7 @@ from companion.estimators.baro_gnss_ins.filter import (
     ins_start,
     set_yaw,
 )
-from companion.estimators.baro_gnss_ins.fixes import FIXES, fixes_start, fuse_height
+from companion.estimators.baro_gnss_ins.fixes import FIXES, fixes_start, fuse_height, resume_fixes
 from companion.estimators.baro_gnss_ins.settings import BaroGnssInsSettings
 from companion.estimators.baro_gnss_ins.strapdown import (
     POSITION,
@@ -58,6 +58,13 @@ from companion.estimators.judging import (
     tally,
 )
 from companion.estimators.method import Method
+from companion.estimators.outage import (
+    GAP_S,
+    OUTAGE,
+    growth_m2,
+    note_difference,
+    outage_start,
+)
 from companion.estimators.setting import (
     SETTING,
     admit_setting,
@@ -83,6 +90,7 @@ VEHICLE_TIME_S = 5.0
 
 STATE = state_dtype(
     ("setting", SETTING),
+    ("outage", OUTAGE),
     ("ins", INS),
     ("baro", BAROMETER),
     ("fixes", FIXES),
@@ -103,6 +111,7 @@ def start(state: Rows, params: Rows) -> None:
     s = state[0]
     reset(state)
     setting_start(s.setting)
+    outage_start(s.outage)
     ins_start(s.ins, params)
     barometer_start(s.baro, params)
     fixes_start(s.fixes)
@@ -178,10 +187,22 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     age_s = (s.ins.time_us - time_us) * 1e-6
     look_up(s.ins.track, s.ins.time_us, s.ins.position, s.ins.velocity_n_mps, time_us)
     weight = max(1.0, p.gnss_correlation_s / elapsed_s)
+    baro_m = baro_at_m(state, time_us)
+    if elapsed_s > GAP_S and s.fixes.gnss_sd_m > 0.0:
+        resume_fixes(s.ins, s.fixes, growth_m2(s.outage, time_us, baro_m))
     sd_m, down = gnss_sd_m(sample, p.gnss_sd_floor_m, p.gnss_sd_unknown_m), POSITION + DOWN
     S = s.ins.P[down, down] + sd_m * sd_m
     score(state, sample[0].altitude_amsl_m - s.ins.track.at[2], S)
     verdict = fuse_height(s.ins, s.fixes, params, sample, age_s, elapsed_s, weight)
+    if verdict == USED and not math.isnan(baro_m):
+        note_difference(
+            s.outage,
+            time_us,
+            sample[0].altitude_amsl_m,
+            baro_m,
+            sample[0].ground_speed_mps,
+            s.fixes.gnss_sd_m,
+        )
     if sample[0].climb_mps == sample[0].climb_mps:
         correct_climb(
             s.ins,
@@ -194,6 +215,16 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     inject(s.ins, params)
     write_estimate(state, params, estimate)
     return tally(state, GNSS, verdict)
+
+
+@step
+def baro_at_m(state: Rows, time_us: int) -> float:
+    """The barometer's height at a time near the newest pressure; NaN when that is far."""
+    s = state[0]
+    if abs(s.last_us[PRESSURE, 0] - time_us) > FRESH_US:
+        return math.nan
+    apart_s = (s.last_us[PRESSURE, 0] - time_us) * 1e-6
+    return float(s.baro.h_p_m + s.ins.velocity_n_mps[DOWN] * apart_s)
 
 
 @step
@@ -281,11 +312,12 @@ def write_estimate(state: Rows, params: Rows, estimate: Rows) -> None:
     slow_var = 0.0
     if fixes.gnss_sd_m > 0.0:
         slow_var = params[0].gnss_correlated_ratio * fixes.gnss_sd_m * fixes.gnss_sd_m
+    moved = growth_m2(s.outage, ins.time_us, s.baro.h_p_m)
     estimate[0].time_us = ins.time_us
     estimate[0].altitude_amsl_m = ins.position[2]
     estimate[0].climb_mps = -ins.velocity_n_mps[DOWN]
     estimate[0].altitude_sd_m = math.sqrt(
-        ins.P[down, down] + slow_var + fixes.disputed_m * fixes.disputed_m
+        ins.P[down, down] + slow_var + fixes.disputed_m * fixes.disputed_m + moved
     )
     estimate[0].climb_sd_mps = math.sqrt(ins.P[VELOCITY + DOWN, VELOCITY + DOWN])
     estimate[0].baro_offset_m = ins.b_m + ins.s * s.baro.h_p_m

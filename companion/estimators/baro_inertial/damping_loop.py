@@ -289,11 +289,9 @@ def on_air(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     air temperature, T of (3)."""
     s = state[0]
     verdict = admit_setting(state, sample, s.inputs.start_us < 0)
-    if verdict != USED:
-        return verdict
-    note_start_temperature(s.inputs, sample)
-    if fuse_setting(s.inputs, sample):
-        s.running = 0
+    if verdict == USED:
+        note_start_temperature(s.inputs, sample)
+        fuse_setting(s.inputs, sample)
     return verdict
 
 

@@ -46,6 +46,7 @@ from companion.estimators.setting import (
     note_air,
     note_level,
     setting_start,
+    waits_for_level,
 )
 from companion.jit import step
 from companion.kernels.atmosphere import (
@@ -74,9 +75,10 @@ IMU_TIMEOUT_US = 500_000
 REACH_US = 1_000_000
 RING_SIZE = 64
 MOST_START_FIXES = 64
-START_SD_M = 20.0
-"""a fix with a larger spread does not count for the start: receivers slide by hundreds of metres
-while they say so"""
+START_SD_M, LARGEST_START_SD_M, START_WAIT_US = 20.0, 30.0, 20_000_000
+"""Spreads of fixes that count for the start: receivers slide by hundreds of metres while they
+report more. One that still reports more after this time will not do better; a start above the
+second spread could not be published."""
 SETTLE_US = 2_000_000
 """time for which the barometer must have been there, or have contradicted the filter, before the
 filter starts at it"""
@@ -100,6 +102,7 @@ INPUTS = np.dtype(
         ("started_by_setting", "i8"),
         ("acceleration_mps2", "f8"),  # newest; NaN while there is no IMU that can be integrated
         *ring_fields("baro", RING_SIZE),  # standard-atmosphere heights until the start
+        ("first_fix_us", "i8"),  # -1 none
         ("start_fixes", "i8"),  # credible fixes so far
         ("start_count", "i8"),  # those that met a barometer height
         ("start_offsets_m", "f8", (MOST_START_FIXES,)),  # GNSS less barometer of each, sorted
@@ -129,6 +132,7 @@ def start_inputs(inputs: Record) -> None:
     inputs.started_by_setting = 0
     clear(inputs.baro_us, inputs.baro_values)
     inputs.acceleration_mps2 = math.nan
+    inputs.first_fix_us = -1
     inputs.start_fixes = 0
     inputs.start_count = 0
     for i in range(MOST_START_FIXES):
@@ -182,6 +186,10 @@ def take_pressure(inputs: Record, params: Rows, sample: Rows, imu_us: int) -> fl
         elif is_set(inputs.setting):
             altitude_m = indicated_m(inputs.setting, inputs.level_m)
             sd_m = indicated_sd_m(inputs.setting, altitude_m, sample[0].time_us)
+            if inputs.wait_us >= 0:
+                inputs.wait_m += altitude_m - calibrated_m(
+                    inputs.level_m, inputs.start_level_m, inputs.start_height_m, inputs.scale
+                )
             _start_at(inputs, sample[0].time_us, altitude_m, sd_m)
             inputs.started_by_setting = 1
         else:
@@ -190,14 +198,15 @@ def take_pressure(inputs: Record, params: Rows, sample: Rows, imu_us: int) -> fl
 
 
 @step
-def fuse_setting(inputs: Record, sample: Rows) -> bool:
-    """Take the setting of the altimeter; whether the filter must start anew at it. A start by GNSS,
-    and a setting that GNSS has been compared with, stay."""
+def fuse_setting(inputs: Record, sample: Rows) -> None:
+    """Take the setting of the altimeter: with the next pressure the start is anew at it. A start by
+    GNSS, and a setting that GNSS has been compared with, count more than a QNH, and less than the
+    field's elevation of a vehicle at rest."""
     changed = note_air(inputs.setting, sample, not math.isnan(inputs.level_m))
-    restarts = changed and inputs.started_by_setting == 1 and inputs.reference_us < 0
-    if restarts:
-        inputs.start_us, inputs.wait_us = -1, -1
-    return restarts
+    is_alone = inputs.started_by_setting == 1 and inputs.reference_us < 0
+    if changed and (is_alone or waits_for_level(inputs.setting)):
+        inputs.start_us, inputs.reference_us = -1, -1
+        inputs.reference_m = 0.0
 
 
 @step
@@ -230,7 +239,11 @@ def note_fix(
     p = params[0]
     attitude_gnss(inputs.attitude, sample)
     sd_m = gnss_sd_m(sample, p.gnss_sd_floor_m, p.gnss_sd_unknown_m)
-    if sd_m <= START_SD_M:
+    if inputs.first_fix_us < 0:
+        inputs.first_fix_us = sample[0].time_us
+    has_waited = sample[0].time_us - inputs.first_fix_us >= START_WAIT_US
+    counts = sd_m <= (LARGEST_START_SD_M if has_waited else START_SD_M)
+    if counts:
         inputs.start_fixes += 1
     if baro_is_silent(pressure_us, now_us):
         if inputs.start_fixes >= p.start_fixes:
@@ -242,7 +255,7 @@ def note_fix(
             estimate[0].innovation_m = math.nan
     elif inputs.start_us < 0:
         baro_m = at(inputs.baro_us, inputs.baro_values, sample[0].time_us, REACH_US)
-        if sd_m <= START_SD_M and not math.isnan(baro_m):
+        if counts and not math.isnan(baro_m):
             _insert(inputs, sample[0].altitude_amsl_m - baro_m)
             if inputs.start_count >= p.start_fixes:
                 middle = inputs.start_count // 2

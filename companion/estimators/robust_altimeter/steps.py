@@ -51,6 +51,7 @@ from companion.estimators.setting import (
     note_air,
     note_level,
     setting_start,
+    waits_for_level,
 )
 from companion.jit import step
 from companion.kernels.atmosphere import baro_altitude_m, pressure_altitude_m
@@ -203,14 +204,15 @@ def find_datum(state: Rows, params: Rows, time_us: int, since_s: float) -> None:
 
 @step
 def on_air(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
-    """The setting of the altimeter: the datum of IBI until there is GNSS. A temperature alone is
-    IGNORED."""
+    """The setting of the altimeter: the datum of IBI until there is GNSS, and while the vehicle
+    rests on a field of known elevation. A temperature alone is IGNORED."""
     s = state[0]
     verdict = admit_setting(state, sample, False)
     if verdict != USED:
         return verdict
     changed = note_air(s.setting, sample, not math.isnan(s.level_m))
-    if changed and s.last_us[GNSS, 0] < 0 and not math.isnan(s.level_m):
+    counts = s.last_us[GNSS, 0] < 0 or waits_for_level(s.setting)
+    if changed and counts and not math.isnan(s.level_m):
         note_level(s.setting, s.level_m)
         moved_m = indicated_m(s.setting, s.level_m) - (s.baro_m - s.pair.datum.offset_m)
         if not math.isnan(moved_m):

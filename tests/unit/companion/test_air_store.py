@@ -26,7 +26,8 @@ def restored(folder: Path, age_s: float, link: str = "tcp:a", **given: float) ->
 def test_it_is_there_after_a_restart(tmp_path: Path) -> None:
     kept(tmp_path, qnh_hpa=1009.0, temperature_c=-5.0)
     air = restored(tmp_path, 60.0)
-    assert (air.qnh_hpa, air.temperature_c, air.waits) == (1009.0, -5.0, True)
+    assert (air.qnh_hpa, air.temperature_c) == (1009.0, -5.0)
+    assert air.tell(0) is not None
     assert restored(tmp_path, 60.0, "tcp:b").qnh_hpa is None
 
 
@@ -43,6 +44,9 @@ def test_the_configuration_wins(tmp_path: Path) -> None:
     kept(tmp_path, field_elevation_m=432.0)
     air = restored(tmp_path, 60.0, qnh_hpa=990.0)
     assert (air.qnh_hpa, air.field_elevation_m) == (990.0, None)
+    kept(tmp_path, qnh_hpa=1009.0)
+    air = restored(tmp_path, 60.0, field_elevation_m=400.0)
+    assert (air.qnh_hpa, air.field_elevation_m) == (None, 400.0)
 
 
 def test_it_can_be_forgotten(tmp_path: Path) -> None:
@@ -62,7 +66,7 @@ def test_a_damaged_file_is_not_used(tmp_path: Path, content: str) -> None:
     assert store.path is not None
     store.path.write_text(content)
     air = restored(tmp_path, 60.0)
-    assert (air.qnh_hpa, air.field_elevation_m, air.waits) == (None, None, False)
+    assert (air.qnh_hpa, air.field_elevation_m, air.tell(0)) == (None, None, None)
 
 
 def test_a_disk_that_refuses_is_reported(tmp_path: Path) -> None:

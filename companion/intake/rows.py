@@ -92,7 +92,7 @@ class Intake:
             time_us -= self._latency_us
         elif reading.kind is Kind.AIR:
             time_us = self._air_time(time_us)
-        row[0] = (time_us, arrival_us, reading.instance, *reading.values, *_unsaid(reading))
+        row[0] = (time_us, arrival_us, reading.instance, *reading.values, *unsaid(reading))
         if reading.kind is Kind.GNSS:
             self._receivers[reading.instance].check(row, self.datum.baro_m(time_us))
         if reading.kind in self._primaries:
@@ -148,6 +148,6 @@ def _or_nan(value: float | None) -> float:
     return math.nan if value is None else value
 
 
-def _unsaid(reading: Reading) -> tuple[float, ...]:
+def unsaid(reading: Reading) -> tuple[float, ...]:
     """The last fields of a row, which no message says: of a fix, doubt in its datum."""
     return (math.nan,) if reading.kind is Kind.GNSS else ()

@@ -113,7 +113,7 @@ def missed(name: str) -> Any:
     return pytest.param(name, marks=pytest.mark.xfail(strict=False, reason=MISSES[name]))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", [missed(name) for name in EXCLUDES])
 @few(suppress_health_check=HEALTH_CHECKS, max_examples=20)
 @given(imu_hz=IMU_HZ, seed=SEEDS, fault=FAULTS)
@@ -121,7 +121,7 @@ def test_exclusion_ends(name: str, imu_hz: float, seed: int, fault: Fault) -> No
     check_exclusion_ends(name, imu_hz, seed, fault)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", [missed(name) for name in EXCLUDES])
 @few(suppress_health_check=HEALTH_CHECKS, max_examples=20)
 @given(imu_hz=IMU_HZ, seed=SEEDS, fault=FAULTS)

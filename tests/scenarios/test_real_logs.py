@@ -63,7 +63,9 @@ CASES = {
 def marks(name: str, estimator: str) -> list[pytest.MarkDecorator]:
     """Slow and long ones."""
     slow, other = CASES[name].slow, estimator != DEFAULT_ESTIMATOR
-    return [pytest.mark.long if slow and other else pytest.mark.slow] if slow or other else []
+    if slow and (other or name.startswith("flights")):
+        return [pytest.mark.long]
+    return [pytest.mark.slow] if slow or other else []
 
 
 def cases() -> list[Any]:

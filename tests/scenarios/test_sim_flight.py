@@ -292,7 +292,7 @@ def test_twenty_calm_minutes() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1])
 def test_twenty_minutes_of_changing_weather(seed: int) -> None:
     flight = Flight(load_scenario("weather-change"), seed=seed)
     rows = flown(flight)

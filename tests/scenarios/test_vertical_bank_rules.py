@@ -85,7 +85,7 @@ def test_a_healthy_flight_excludes_nobody(imu_hz: float, seed: int) -> None:
     check_healthy(imu_hz, seed)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @MANY
 @given(IMU_HZ, SEEDS, st.floats(30.0, 600.0), st.booleans(), st.floats(3.0, 120.0))
 def test_the_same_over_many(

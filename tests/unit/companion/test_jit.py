@@ -203,7 +203,7 @@ np.savez(sys.argv[1], **results)
 """
 
 
-@pytest.mark.parametrize("name", ["short", pytest.param("long", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["short", pytest.param("long", marks=pytest.mark.long)])
 def test_compiled_and_uncompiled_agree_bit_for_bit(tmp_path: Path, name: str) -> None:
     """Every estimator over a synthetic flight: its start, or the first climb too."""
     path = tmp_path / "uncompiled.npz"

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from companion.intake.rows import unsaid
 from companion.mavlink import convert
 from companion.mavlink.codec import Frame, Message, decode, mavlink
 from companion.mavlink.convert import CONVERTERS, Reading, TimeBase
@@ -31,7 +32,7 @@ def readings(message: Message) -> tuple[Reading, ...]:
 def fields(reading: Reading) -> dict[str, Any]:
     """The reading's values by the names of its dtype."""
     names = list(DTYPES[reading.kind].names or ())[3:]
-    assert len(names) == len(reading.values)
+    assert len(names) == len(reading.values) + len(unsaid(reading))
     return dict(zip(names, reading.values, strict=True))
 
 
@@ -257,7 +258,7 @@ def test_any_payload_gives_finite_values_or_nan(message_id: int, data: st.DataOb
     for reading in readings(message):
         assert isinstance(reading.stamp_us, int)
         row = rows(DTYPES[reading.kind])
-        row[0] = (0, 0, reading.instance, *reading.values)
+        row[0] = (0, 0, reading.instance, *reading.values, *unsaid(reading))
         for name, (dtype, *_) in (DTYPES[reading.kind].fields or {}).items():
             if dtype.base.kind == "f":
                 assert not np.isinf(row[name]).any(), (kind.msgname, name)

@@ -116,7 +116,7 @@ DRAWN = "HK"
 
 
 @pytest.mark.parametrize(
-    "key", [key if key in "HCR" else pytest.param(key, marks=pytest.mark.slow) for key in PAPERS]
+    "key", [key if key in "HCR" else pytest.param(key, marks=pytest.mark.long) for key in PAPERS]
 )
 def test_a_page_rebuilds_byte_for_byte_and_no_verdict_is_a_constant(
     key: str, tmp_path: Path

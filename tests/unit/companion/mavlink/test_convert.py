@@ -33,7 +33,7 @@ def fields(reading: Reading) -> dict[str, Any]:
     """The reading's values by the names of its dtype."""
     names = list(DTYPES[reading.kind].names or ())[3:]
     assert len(names) == len(reading.values) + len(unsaid(reading))
-    return dict(zip(names, reading.values, strict=True))
+    return dict(zip(names[: len(reading.values)], reading.values, strict=True))
 
 
 def only(message: Message) -> dict[str, Any]:

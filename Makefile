@@ -17,10 +17,10 @@ demo: $(VENV)/.sim      ## fly through a front with the companion listening (ext
 	$(BIN)/kollsman-sim demo
 
 test: lint              ## lint, types, import rules and the default tests (extras `sim`, `dev`)
-	$(BIN)/python -m pytest -q -n 2 $(RETRY)
+	$(BIN)/python -m pytest -q -n 3 $(RETRY)
 
 test-slow: $(VENV)/.dev ## end-to-end and Monte-Carlo tests
-	$(BIN)/python -m pytest -q -m slow -n 2 $(RETRY)
+	$(BIN)/python -m pytest -q -m "slow and not long" -n 4 $(RETRY)
 
 test-long: $(VENV)/.dev ## every scenario, hours of flight, whole recordings (half an hour)
 	$(BIN)/python -m pytest -q -m long -n 2 $(RETRY)

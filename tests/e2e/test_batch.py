@@ -80,7 +80,7 @@ def _kill_itself_once(job: BatchJob) -> list[jobs.Row]:
     return replay_job(job)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_pool_survives_a_worker_that_was_killed(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

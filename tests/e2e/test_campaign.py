@@ -116,7 +116,7 @@ def test_a_killed_worker_fails_its_flights_and_not_the_campaign(tmp_path: Path) 
     assert not list((tmp_path / "parts").iterdir())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_killed_campaign_goes_on_where_it_was(tmp_path: Path) -> None:
     """SIGKILL to the command and its workers after the first flight; the second run flies the
     others only."""

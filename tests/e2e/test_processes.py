@@ -158,6 +158,7 @@ def serial_cable() -> Iterator[tuple[str, str]]:
                 os.close(end)
 
 
+@pytest.mark.long
 def test_demo(tmp_path: Path) -> None:
     command = [
         sys.executable,

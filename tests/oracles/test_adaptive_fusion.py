@@ -2,19 +2,15 @@
 numbers."""
 
 import math
-import time
 
 import numpy as np
 import pytest
 
 from companion.estimators.adaptive_fusion import (
-    METHOD,
-    AdaptiveFusionSettings,
     adaptive_factor,
     fused_sd_m,
     gain,
 )
-from companion.estimators.method import run_log
 from sim.studies.papers.adaptive_fusion import simulation as paper
 
 R_B, R_GPS = paper.R_B, paper.R_GPS
@@ -157,23 +153,3 @@ class TestReproduction:
         )
         biases = np.abs(paper.DRIFT.bias_m[[i - 1 for i in paper.TABLE_1]])
         assert 1.2 < float(np.sum((needed - biases) ** 2 / (R_B + R_GPS))) < 14.4
-
-
-@pytest.mark.slow
-def test_monte_carlo_of_the_paper_takes_a_third_of_a_second() -> None:
-    """1538 steps x 400 seeds, both filters, pressures and fixes as rows; random numbers excluded.
-    Best of three."""
-    stream = paper.VehicleRows()
-    stream.fill(paper.DRIFT.baro_m, paper.DRIFT.truth_m)
-    both = [
-        AdaptiveFusionSettings(gain="adaptive", gnss_variance_m2=R_GPS),
-        AdaptiveFusionSettings(gain="fixed", gnss_variance_m2=R_GPS),
-    ]
-    durations = []
-    for _ in range(3):
-        started = time.perf_counter()
-        for _ in range(400):
-            for settings in both:
-                run_log(METHOD, stream.log, settings)
-        durations.append(time.perf_counter() - started)
-    assert min(durations) < 0.3

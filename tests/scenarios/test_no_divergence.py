@@ -85,8 +85,8 @@ def test_on_flights_with_truth(name: str) -> None:
     assert_no_divergence(FLIGHTS / f"{name}.tlog")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [11])
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [11, 12])
 def test_through_a_front(seed: int, tmp_path: Path) -> None:
     path = tmp_path / "front.tlog"
     Flight(load_scenario("weather-change"), tlog=path, seed=seed).run()

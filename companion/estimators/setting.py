@@ -144,14 +144,14 @@ def note_air(setting: Record, sample: Rows, in_flight: bool) -> bool:
     knows_field = LOWEST_FIELD_M <= elevation <= HIGHEST_FIELD_M
     if has_qnh and knows_field and math.isnan(at_m):
         at_m, knows_field = elevation, False
-    field_m = math.nan
-    if LOWEST_FIELD_M <= at_m <= HIGHEST_FIELD_M:
+    field_m, is_placed = math.nan, LOWEST_FIELD_M <= at_m <= HIGHEST_FIELD_M
+    if is_placed:
         field_m = at_m
     elif in_flight:
         field_m = SEA_LEVEL_M if math.isnan(setting.field_m) else setting.field_m
-    warms = has_temperature(sample) and (knows_field or field_m != SEA_LEVEL_M)
-    is_told = knows_field
-    if has_qnh and (is_measured or qnh != setting.told_pa):
+    warms = has_temperature(sample) and (knows_field or is_placed or field_m != SEA_LEVEL_M)
+    is_told, is_moved = knows_field, is_placed and setting.field_m != at_m
+    if has_qnh and (is_measured or is_moved or qnh != setting.told_pa):
         setting.qnh_pa, setting.told_pa, setting.elevation_m = qnh, qnh, math.nan
         setting.sd_m = M_PER_PA * (sample[0].qnh_sd_pa if is_measured else SETTING_SD_PA)
         setting.field_m = field_m

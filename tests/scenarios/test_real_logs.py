@@ -63,13 +63,13 @@ CASES = {
 def marks(name: str, estimator: str) -> list[pytest.MarkDecorator]:
     """Slow and long ones."""
     slow, other = CASES[name].slow, estimator != DEFAULT_ESTIMATOR
-    if slow and (other or name.startswith("flights")):
+    if other or (slow and name.startswith("flights")):
         return [pytest.mark.long]
-    return [pytest.mark.slow] if slow or other else []
+    return [pytest.mark.slow] if slow else []
 
 
 def cases() -> list[Any]:
-    """Every recording with the default estimator; with the others in the slow and long runs."""
+    """Every recording with the default estimator; with the others in the long run."""
     return [
         pytest.param(
             name,

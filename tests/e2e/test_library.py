@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -92,3 +93,22 @@ def test_another_package_of_our_name_is_told_in_one_line(tmp_path: Path) -> None
         path=tmp_path / "nowhere",
     )
     assert done.stdout.startswith("kollsman ")
+
+
+@pytest.mark.parametrize("package", ["companion", "sim"])
+def test_an_editable_installation_has_the_start_of_the_commands_elsewhere(
+    package: str, tmp_path: Path
+) -> None:
+    """`pip install -e` copies kollsman.py into the environment and leaves the packages here."""
+    shutil.copy(ROOT / "kollsman.py", tmp_path)
+    code = f"import kollsman; kollsman._refuse_other({package!r}, 'kollsman')"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        check=False,
+        env=os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert (done.returncode, done.stderr) == (0, "")

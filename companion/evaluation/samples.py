@@ -5,7 +5,7 @@ from pathlib import Path
 
 from companion.logs import open_log
 from companion.mavlink.codec import Message
-from companion.observer import Observer
+from companion.observer import Block, Observer
 from companion.pipeline import Pipeline
 from companion.samples import Kind, Rows, SampleLog, Verdict
 from companion.settings import CompanionSettings
@@ -36,14 +36,30 @@ class Tap:
     def published(self, message: Message) -> None:
         """Not a sample."""
 
+    def block(self, block: Block) -> None:
+        self.log.extend(block.tables)
+        for heights, extend in (
+            (block.truth, self.log.extend_truth),
+            (block.autopilot, self.log.extend_autopilot),
+        ):
+            moved = heights.copy()
+            moved["time_us"] += self._boot_us
+            extend(moved)
+
 
 class Sampler(Pipeline):
     """A pipeline without an estimator: it ends with the sample rows."""
 
+    estimates = False
+
     def __init__(self, settings: CompanionSettings, observer: Observer) -> None:
         super().__init__(settings, datagrams=True, observer=observer, sends=False)
 
-    def _step(self, kind: Kind, instance: int, row: Rows) -> list[bytes]:
+    def _sample(self, kind: Kind, row: Rows) -> list[bytes]:
+        known = self.air.follow(kind, row, self.now_us)
+        if known is not None:
+            self._sample(Kind.AIR, self.intake.air(known, row))
+        self.identity.measured(kind)
         self.verdicts[kind][Verdict.IGNORED] += 1
         if self._observer is not None:
             self._observer.sample(kind, row, Verdict.IGNORED, self.estimate)

@@ -4,9 +4,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from companion.logs import open_log
+from companion.logs.tlog import TlogReader
 from companion.mavlink.codec import Message
 from companion.observer import Block, Observer
 from companion.pipeline import Pipeline
+from companion.replay.blocks import BlockRunner
 from companion.samples import Kind, Rows, SampleLog, Verdict
 from companion.settings import CompanionSettings
 
@@ -82,6 +84,14 @@ def samples_of(
     tap = Tap()
     pipeline = Sampler(settings or CompanionSettings(), tap)
     reader = open_log(path)
+    if isinstance(reader, TlogReader):
+        runner = BlockRunner(pipeline, lambda time_us, frame: pipeline.feed_item(frame, time_us))
+        for batch in reader.batches():
+            runner.run(batch, lambda: tap)
+            reader.passed(batch)
+            if on_progress is not None:
+                on_progress(reader.position_bytes / max(1, reader.size_bytes))
+        return tap.log
     for count, (time_us, frame) in enumerate(reader.items(pipeline.wanted)):
         pipeline.feed_item(frame, time_us)
         if on_progress is not None and count % 5000 == 0:

@@ -61,35 +61,41 @@ def _boot_us(columns: Columns) -> Array:
     return columns["time_boot_ms"].astype("i8") * 1000
 
 
+def _double(values: Array) -> Array:
+    """In double precision."""
+    with np.errstate(invalid="ignore"):  # a signalling NaN
+        return values.astype("f8")
+
+
 def _float(values: Array) -> Array:
     """In double precision; what is not finite is NaN."""
-    values = values.astype("f8")
+    values = _double(values)
     return np.where(np.isfinite(values), values, np.nan)
 
 
 def _present(values: Array, scale: float) -> Array:
     """An extension field: 0 means that it was not sent."""
-    return np.where(values != 0, values.astype("f8") * scale, np.nan)
+    return np.where(values != 0, _double(values) * scale, np.nan)
 
 
 def _known_u16(values: Array, scale: float) -> Array:
-    return np.where(values != UNKNOWN_U16, values.astype("f8") * scale, np.nan)
+    return np.where(values != UNKNOWN_U16, _double(values) * scale, np.nan)
 
 
 def _dop(values: Array, has_fix: Array) -> Array:
     unknown = (values == 0) | (values == UNKNOWN_U16) | ((values == NO_DOP) & has_fix)
-    return np.where(unknown, np.nan, values.astype("f8") * 0.01)
+    return np.where(unknown, np.nan, _double(values) * 0.01)
 
 
 def _vectors(columns: Columns, names: tuple[str, str, str], scale: float | None = None) -> Array:
-    values = [columns[name].astype("f8") for name in names]
+    values = [_double(columns[name]) for name in names]
     scaled = [_float(value) if scale is None else value * scale for value in values]
     return np.stack(scaled, axis=1)
 
 
 def _scaled_pressure(columns: Columns, instance: int) -> list[Readings]:
-    die_k = columns["temperature"].astype("f8") * 0.01 + ZERO_CELSIUS_K
-    pressure_pa = _float(columns["press_abs"].astype("f8") * 100.0)
+    die_k = _double(columns["temperature"]) * 0.01 + ZERO_CELSIUS_K
+    pressure_pa = _float(_double(columns["press_abs"]) * 100.0)
     values = {"pressure_pa": pressure_pa, "die_temperature_k": die_k}
     stamp_us = _boot_us(columns)
     found = [
@@ -97,7 +103,7 @@ def _scaled_pressure(columns: Columns, instance: int) -> list[Readings]:
             Kind.PRESSURE, TimeBase.BOOT, columns, values, instance=instance, stamp_us=stamp_us
         )
     ]
-    dynamic_hpa = columns["press_diff"].astype("f8")
+    dynamic_hpa = _double(columns["press_diff"])
     has_speed = (dynamic_hpa != 0.0) & np.isfinite(dynamic_hpa)
     if instance == 0 and has_speed.any():
         speed_mps = np.full(columns.size, np.nan)
@@ -128,7 +134,7 @@ def _gps_raw(columns: Columns, instance: int) -> list[Readings]:
     satellites = columns["satellites_visible"].astype("i8")
 
     def known(name: str, scale: float) -> Array:
-        return np.where(nowhere, np.nan, columns[name].astype("f8") * scale)
+        return np.where(nowhere, np.nan, _double(columns[name]) * scale)
 
     values = {
         "latitude_deg": known("lat", 1e-7),
@@ -169,7 +175,7 @@ def _distance_sensor(columns: Columns) -> list[Readings]:
         & (distance > 0)
     )
     values = {
-        "distance_m": np.where(seen, distance.astype("f8") * 0.01, np.nan),
+        "distance_m": np.where(seen, _double(distance) * 0.01, np.nan),
         "downward": (columns["orientation"] == mavlink.MAV_SENSOR_ROTATION_PITCH_270).astype("i8"),
     }
     instance, stamp_us = columns["id"].astype("i8") % 4, _boot_us(columns)
@@ -237,8 +243,8 @@ def _highres_imu(columns: Columns) -> list[Readings]:
             where=(updated & 0x3F) != 0,
         )
     ]
-    given = columns["abs_pressure"].astype("f8")
-    die_k = _float(columns["temperature"].astype("f8") + ZERO_CELSIUS_K)
+    given = _double(columns["abs_pressure"])
+    die_k = _float(_double(columns["temperature"]) + ZERO_CELSIUS_K)
     with np.errstate(invalid="ignore", over="ignore"):
         pressure_pa = _float(given * np.where(given < 2000.0, 100.0, 1.0))
     values = {
@@ -260,7 +266,7 @@ def _highres_imu(columns: Columns) -> list[Readings]:
 
 
 def _hygrometer(columns: Columns) -> list[Readings]:
-    values = {"air_temperature_k": columns["temperature"].astype("f8") * 0.01 + ZERO_CELSIUS_K}
+    values = {"air_temperature_k": _double(columns["temperature"]) * 0.01 + ZERO_CELSIUS_K}
     instance = columns["id"].astype("i8") % 4
     return [_readings(Kind.AIR, TimeBase.NONE, columns, values, instance=instance)]
 
@@ -274,7 +280,7 @@ def _airspeed_temperature(columns: Columns) -> list[Readings]:
 
 def _imu_temperature(columns: Columns) -> list[Readings]:
     updated = np.where(columns["fields_updated"] != 0, columns["fields_updated"], 0xFFFF)
-    kelvin = _float(columns["temperature"].astype("f8") + ZERO_CELSIUS_K)
+    kelvin = _float(_double(columns["temperature"]) + ZERO_CELSIUS_K)
     return [
         _readings(
             Kind.AIR,

@@ -16,6 +16,7 @@ from companion.intake import SampleReject
 from companion.logs.tlog import Batch
 from companion.mavlink.altitude_steps import ALTITUDE
 from companion.mavlink.codec import Frame, decode
+from companion.mavlink.record_scan import INDEX
 from companion.observer import Block, BlockObserver
 from companion.pipeline import Pipeline
 from companion.replay.block_steps import (
@@ -75,6 +76,11 @@ class BlockRunner:
         self._length = SMALLEST
         self._counts = np.zeros(len(REJECTS), np.int64)
         self._heights = rows(ALTITUDE)
+
+    def compile(self) -> None:
+        """Compile the loops, by an empty block."""
+        speaker = Speaker((1, 1), (1, 191), 0, 0, None, frozenset(), frozenset(), "none", 0)
+        self._loops(arrays_of(np.zeros(0, np.uint8), rows(INDEX, 0), speaker), 0, 0)
 
     def run(self, batch: Batch, observer: Callable[[], BlockObserver]) -> None:
         """Take all frames of a batch; `observer` gives the one of the present session."""

@@ -153,8 +153,9 @@ def _fill_frames(frames: Rows, where: NDArray[np.int64], table: NDArray[Any], wh
         frames["above_home_m"][where] = table["relative_alt"] * 1e-3
         frames["climb_mps"][where] = table["vz"] * -0.01
     elif what == TRUTH:
-        frames["altitude_m"][where] = table["alt"]
-        frames["climb_mps"][where] = -table["vd"]
+        with np.errstate(invalid="ignore"):  # a signalling NaN
+            frames["altitude_m"][where] = table["alt"]
+            frames["climb_mps"][where] = -table["vd"]
 
 
 def _merged(

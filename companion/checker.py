@@ -80,17 +80,17 @@ class Checker:
         elif kind is Kind.GNSS:
             follow_fix(self.sensors.state, row)
 
-    def judge(self, now_us: int, altitude_m: float) -> tuple[int, float]:
-        """The code of why the altitude is not supported, 0 when it is supported or cannot be
-        checked, and the distance of the sensors from each other, m."""
-        sensors = self.sensors.state
+    def judge(self, now_us: int, estimate: Rows) -> tuple[int, float]:
+        """The code of why the altitude of an estimate is not supported, 0 when it is supported or
+        cannot be checked, and the distance of the sensors from each other, m."""
+        sensors, altitude_m = self.sensors.state, float(estimate["altitude_amsl_m"][0])
         return objection(sensors, now_us, altitude_m), abs(float(sensors["gap_m"][0]))
 
     def objection(self, now_us: int, altitude_m: float) -> str:
         """The reason why the altitude is not supported; empty when it is supported or cannot be
         checked."""
-        code, apart_m = self.judge(now_us, altitude_m)
-        return OBJECTIONS[code].format(apart_m)
+        sensors = self.sensors.state
+        return OBJECTIONS[objection(sensors, now_us, altitude_m)].format(abs(sensors["gap_m"][0]))
 
     def asks_restart(self, now_us: int, *, supported: bool) -> bool:
         """Whether to restart the estimator now; `supported` is whether its altitude is usable."""

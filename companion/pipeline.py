@@ -358,8 +358,7 @@ class Pipeline:
         messages: list[Message] = []
         changed = False
         if used or self.health.is_due(now_us):
-            altitude_m = float(estimate[0]["altitude_amsl_m"])
-            objection = self.intake.objection or self.checker.judge(now_us, altitude_m)
+            objection = self.intake.objection or self.checker.judge(now_us, estimate)
             changed = self.health.assess(now_us, estimate, *objection)
             self.announcements.excluded(estimate)
             if self.checker.asks_restart(now_us, supported=self.health.has_altitude):

@@ -12,6 +12,7 @@ from companion.mavlink import reading_columns
 from companion.mavlink.codec import mavlink
 from companion.mavlink.columns import columns
 from companion.mavlink.imu import ImuSelector
+from companion.mavlink.radio import RADIOS
 from companion.mavlink.reading_columns import Converter, Readings
 from companion.mavlink.requests import REQUESTS
 from companion.replay.block_steps import (
@@ -30,7 +31,7 @@ HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 HIGHRES_IMU = mavlink.MAVLINK_MSG_ID_HIGHRES_IMU
 RAW_IMU = mavlink.MAVLINK_MSG_ID_RAW_IMU
 CUSTOM_MODE = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-OF_OTHERS = frozenset({*REQUESTS, mavlink.MAVLINK_MSG_ID_REQUEST_DATA_STREAM, HEARTBEAT})
+OF_OTHERS = frozenset({*REQUESTS, mavlink.MAVLINK_MSG_ID_REQUEST_DATA_STREAM, HEARTBEAT, *RADIOS})
 """kinds that the pipeline takes of any sender"""
 WHAT = {
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: SYSTEM_TIME,

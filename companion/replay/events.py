@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from companion.mavlink.codec import Frame, Message, mavlink
+from companion.mavlink.radio import RADIOS, Radio, radio_of
 from companion.samples import Rows
 
 if TYPE_CHECKING:
@@ -74,11 +75,13 @@ def mode_name(heartbeat: Message) -> str:
 
 class LinkQuality:
     """Frames of each sender that arrived, and that are missing by sequence number, in each second
-    of the log's clock."""
+    of the log's clock; what the telemetry radio reports."""
 
     def __init__(self) -> None:
         self._seconds: dict[tuple[int, int], dict[int, list[int]]] = {}
         self._sequence: dict[tuple[int, int], int] = {}
+        self.radio: list[tuple[int, Radio]] = []
+        """(time_us of the log's clock, report)"""
 
     def take(self, time_us: int, frame: Frame) -> None:
         """Count a frame; `time_us` is when it arrived."""
@@ -89,6 +92,8 @@ class LinkQuality:
         counts = self._seconds.setdefault(sender, {}).setdefault(time_us // 1_000_000, [0, 0])
         counts[0] += 1
         counts[1] += gap if gap < LATEST else 0
+        if frame.message_id in RADIOS and (radio := radio_of(frame)) is not None:
+            self.radio.append((time_us, radio))
 
     def take_block(self, index: Rows) -> None:
         """Count frames, rows of `record_scan.INDEX`."""

@@ -60,6 +60,7 @@ def everything(session: Session[Any], kept: Recording) -> dict[str, Any]:
         "rates": Counter(kept.rates),
         "texts": kept.events.texts,
         "modes": kept.events.modes,
+        "radio": session.link.radio,
         "link": [session.link.of(sender) for sender in ((1, 1), session.vehicle)],
     }
 

@@ -36,6 +36,7 @@ from companion.replay.columns import (
     Speaker,
     arrays_of,
     heights,
+    stations,
 )
 from companion.samples import ESTIMATE, Kind, Rows, Verdict, readable, rows
 
@@ -43,6 +44,7 @@ SMALLEST, LARGEST = 64, 1 << 14
 """frames of a piece: fewer where many are left to the pipeline"""
 REJECTS = (SampleReject.NO_CLOCK, SampleReject.CLOCK, SampleReject.REPLACED)
 Take = Callable[[int, Frame], Any]
+Passed = Callable[[Rows, Callable[[int], tuple[int, Frame]]], None]
 
 
 class _Piece(NamedTuple):
@@ -63,12 +65,11 @@ class BlockRunner:
     Parameters
     ----------
     take : gives one frame to the pipeline, as an item of the log.
-    passed : told the `record_scan.INDEX` rows of frames that were taken in a block.
+    passed : told the `record_scan.INDEX` rows of frames that were taken in a block, with a function
+        that gives the frame of a row.
     """
 
-    def __init__(
-        self, pipeline: Pipeline, take: Take, passed: Callable[[Rows], None] | None = None
-    ) -> None:
+    def __init__(self, pipeline: Pipeline, take: Take, passed: Passed | None = None) -> None:
         self.pipeline = pipeline
         self._take, self._passed = take, passed
         self._beat: Beat | None = None
@@ -94,7 +95,7 @@ class BlockRunner:
                     arrays, first = arrays_of(batch.data, batch.rows[at:], speaker), at
                     known = speaker
                 stop = self._stop(arrays, at - first)
-                reached = self._piece(arrays, batch.rows[first:], at - first, stop, observer())
+                reached = self._piece(arrays, batch, first, (at - first, stop), observer())
                 at = first + reached
                 if at == size or (reached == stop and arrays.frames["what"][reached] != PYTHON):
                     continue
@@ -149,10 +150,17 @@ class BlockRunner:
                 self._beat = (message.type, message.autopilot, custom, message.custom_mode)
 
     def _piece(
-        self, arrays: Arrays, index: Rows, start: int, stop: int, observer: BlockObserver
+        self,
+        arrays: Arrays,
+        batch: Batch,
+        first: int,
+        extent: tuple[int, int],
+        observer: BlockObserver,
     ) -> int:
-        """Take ``frames[start:stop]`` in the loops; the first frame that the pipeline has to take,
-        or `stop`."""
+        """Take the frames from the one place to the other of `extent` in the loops; the first frame
+        that the pipeline has to take, or the last place. The arrays begin at `first` of the
+        batch."""
+        start, stop = extent
         if start == stop:
             return stop
         states = self._states()
@@ -168,7 +176,8 @@ class BlockRunner:
             piece = self._loops(arrays, start, piece.stop)
         else:
             self._length = min(LARGEST, 2 * self._length)
-        self._keep(arrays, index[start : piece.stop], start, piece, observer)
+        self._count(batch, first + start, first + piece.stop, arrays.frames[start : piece.stop])
+        self._keep(arrays, start, piece, observer)
         return piece.stop
 
     def _states(self) -> list[Rows]:
@@ -235,12 +244,9 @@ class BlockRunner:
         )
         return _Piece(stop, count, published, estimates, verdicts, health)
 
-    def _keep(
-        self, arrays: Arrays, index: Rows, start: int, piece: _Piece, observer: BlockObserver
-    ) -> None:
-        """Count what was taken, and show it to the observer."""
+    def _keep(self, arrays: Arrays, start: int, piece: _Piece, observer: BlockObserver) -> None:
+        """Count the samples, and show them to the observer."""
         pipeline, frames = self.pipeline, arrays.frames[start : piece.stop]
-        self._count(index, np.asarray(frames["is_vehicle"]) == 1)
         first, last = frames[0], frames[-1]
         readings = arrays.readings[int(first["first"]) : int(last["first"] + last["count"])]
         samples = readings[np.asarray(readings["place"]) >= 0]
@@ -271,20 +277,25 @@ class BlockRunner:
             )
         )
 
-    def _count(self, index: Rows, is_vehicle: NDArray[np.bool_]) -> None:
+    def _count(self, batch: Batch, start: int, stop: int, frames: Rows) -> None:
         """Count the frames, by sender and kind."""
-        pipeline, index = self.pipeline, np.asarray(index)
+        pipeline, index = self.pipeline, np.asarray(batch.rows[start:stop])
+        is_vehicle = np.asarray(frames["is_vehicle"]) == 1
         own, others = index[is_vehicle], index[~is_vehicle]
+        is_beat = own["message_id"] == HEARTBEAT
         if own.size:
             newest = int(own["version"].max()), int(own["time_us"][-1])
-            beats = bool((own["message_id"] == HEARTBEAT).any())
-            pipeline.identity.took(own.size, *newest, told_again=beats)
-        numbers, counts = np.unique(own["message_id"], return_counts=True)
-        for message_id, number in zip(numbers.tolist(), counts.tolist(), strict=True):
-            pipeline.heard[message_id] = pipeline.heard.get(message_id, 0) + number
-        for system_id, component_id in zip(
-            others["system_id"].tolist(), others["component_id"].tolist(), strict=True
-        ):
-            pipeline.identity.stranger(system_id, component_id)
+            pipeline.identity.took(own.size, *newest, told_again=bool(is_beat.any()))
+        counts = np.bincount(own["message_id"])
+        for message_id in np.flatnonzero(counts).tolist():
+            heard = pipeline.heard.get(message_id, 0)
+            pipeline.heard[message_id] = heard + int(counts[message_id])
+        if others.size:
+            beats = others[others["message_id"] == HEARTBEAT]
+            for speaker, time_us in stations(batch.data, beats).items():
+                pipeline.identity.station(speaker, time_us)
+            names = ("system_id", "component_id")
+            for sender in zip(*(others[name].tolist() for name in names), strict=True):
+                pipeline.identity.stranger(sender)
         if self._passed is not None:
-            self._passed(index)
+            self._passed(index, lambda place: batch.frame(start + place))

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from companion.evaluation.metrics import Array
 from companion.evaluation.smoother import UNKNOWN_GNSS_SD_M, Measured
 from companion.health import Health
-from companion.kernels.atmosphere import baro_altitude_array
+from companion.kernels.arrays import baro_altitude_array, gnss_sd_array
 from companion.kernels.gnss import gnss_sd_m
 from companion.mavlink.codec import Message
 from companion.observer import Block
 from companion.pipeline import Pipeline
-from companion.replay.events import Events
+from companion.replay.events import Events, in_seconds
 from companion.samples import ESTIMATE, HEIGHT, Kind, Rows, Suspicion, Tables, Verdict, readable
 
 NO_UNIX_US = -(1 << 61)
@@ -57,6 +57,8 @@ class Recording:
         self._pipeline = pipeline
         self._rows = readable(np.zeros(256, RECORD))
         self._count = 0
+        self._chosen: dict[Kind, tuple[int, Rows]] = {}
+        """kind -> number of rows, and those of the first sensor among them"""
         self._heights: dict[bool, list[tuple[int, float, float]]] = {True: [], False: []}
         self.published_count = 0
         """ALTITUDE messages of ours"""
@@ -127,10 +129,8 @@ class Recording:
         for kind in np.unique(kinds).tolist():
             rows = tables[1 + kind][places[kinds == kind]]
             first = np.asarray(rows["instance"]) == 0
-            seconds, counts = np.unique(
-                np.asarray(rows["time_us"])[first] // 1_000_000, return_counts=True
-            )
-            for second, count in zip(seconds.tolist(), counts.tolist(), strict=True):
+            seconds, which = in_seconds(np.asarray(rows["time_us"])[first])
+            for second, count in zip(seconds, np.bincount(which).tolist(), strict=True):
                 self.rates[Kind(kind), second] += count
 
     def _note_armed(self, time_us: int, armed: int) -> None:
@@ -167,11 +167,15 @@ class Recording:
 
     def of(self, kind: Kind) -> Rows:
         """Rows of the first sensor of a kind; of GNSS only fixes."""
+        count, rows = self._chosen.get(kind, (-1, self.rows))
+        if count == self._count:
+            return rows
         rows = self.rows
         chosen = (np.asarray(rows["kind"]) == kind) & (np.asarray(rows["instance"]) == 0)
         if kind is Kind.GNSS:
             chosen &= np.asarray(rows["fix_type"]) >= 3
-        return rows[chosen]
+        self._chosen[kind] = self._count, rows[chosen]
+        return self._chosen[kind][1]
 
     def ticks(self) -> Rows:
         """Rows at which the altitude is judged: the first barometer's, else the receiver's."""
@@ -248,6 +252,4 @@ def _fill_fixes(kept: Rows, where: NDArray[Any], fixes: Rows) -> None:
         kept[name][where] = fixes[name]
     kept["pressure_pa"][where] = math.nan
     kept["gnss_altitude_m"][where] = fixes["altitude_amsl_m"]
-    kept["gnss_sd_m"][where] = [
-        gnss_sd_m(fixes[i : i + 1], 0.0, UNKNOWN_GNSS_SD_M) for i in range(fixes.size)
-    ]
+    kept["gnss_sd_m"][where] = gnss_sd_array(fixes, 0.0, UNKNOWN_GNSS_SD_M)

@@ -10,7 +10,7 @@ import itertools
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,8 +100,7 @@ class _Switch:
         self.target.published(message)
 
     def block(self, block: Block) -> None:
-        assert isinstance(self.target, BlockObserver)
-        self.target.block(block)
+        cast(BlockObserver, self.target).block(block)
 
 
 class _Splitter(Generic[Seen]):
@@ -161,15 +160,17 @@ class _Splitter(Generic[Seen]):
                 self.autopilots[item.system_id] = self.autopilots.get(item.system_id, 0) + 1
         return self.pipeline.feed_item(item, time_us)
 
-    def passed(self, index: Rows) -> None:
-        """Frames of the present session, rows of `record_scan.INDEX`, were taken in a block."""
+    def passed(self, index: Rows, frame: Callable[[int], tuple[int, Frame]]) -> None:
+        """Frames of the present session, rows of `record_scan.INDEX`, were taken in a block;
+        `frame` gives that of a row."""
         if not self._open.first_us:
             self._open.first_us = int(index["time_us"][0])
         self._open.last_us = int(index["time_us"][-1])
-        self._open.link.take_block(index)
-        vehicle = self.pipeline.identity.vehicle
+        self._open.link.take_block(index, frame)
+        vehicle = self.pipeline.identity.vehicle or (0, 0)
         beats = index["message_id"] == mavlink.MAVLINK_MSG_ID_HEARTBEAT
-        if vehicle is not None and beats.any():
+        beats &= (index["system_id"] == vehicle[0]) & (index["component_id"] == vehicle[1])
+        if beats.any():
             told = self.autopilots.get(vehicle[0], 0)
             self.autopilots[vehicle[0]] = told + int(beats.sum())
 
@@ -180,8 +181,7 @@ class _Splitter(Generic[Seen]):
 
     def block_observer(self) -> BlockObserver:
         """The observer of the present session."""
-        assert isinstance(self._open.seen, BlockObserver)
-        return self._open.seen
+        return cast(BlockObserver, self._open.seen)
 
     def renew(self) -> None:
         """Another day: nothing of the session before is of use."""

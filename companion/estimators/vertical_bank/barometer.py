@@ -6,8 +6,7 @@ that repeats while the vehicle moves is improbable in proportion to how often th
 repeated so far; that is the likelihood with which a stuck sensor is found (`repeat_probability`).
 A sensor that is read twice for each of its measurements repeats once and never twice; one of coarse
 resolution repeats by chance, whatever it did before. So the probability of a first, a second and a
-further repeat are counted apart, and each is that of the repeat before it until it has been seen;
-the first is certain until a value has changed in motion.
+further repeat are counted apart, and each is that of the repeat before it until it has been seen.
 """
 
 import math
@@ -30,7 +29,9 @@ MEDIAN_TO_SD = 1.4826
 MOVED_M = 0.5
 """A vehicle that has moved so far has another pressure around it."""
 MOVING_MPS = 0.5
-REPEAT_FORGOTTEN = 0.02
+REPEAT_FORGOTTEN, REPEAT_START = 0.02, 0.5
+COARSEST_M = 8.5
+"""A stream that has not changed yet may resolve a hectopascal."""
 REST_S, REST_INTERVALS = 1.0, 10.0
 INTERVAL_WEIGHT = 1.0 / 16.0
 FRESH_SPEED_US = 3_000_000
@@ -71,7 +72,7 @@ def barometer_start(baro: Record, p: Record) -> None:
     baro.seen, baro.pressure_pa, baro.height_m, baro.path_m = 0, math.nan, math.nan, 0.0
     baro.smooth_m, baro.time_us, baro.median_m = math.nan, -1, p.baro_sd_m
     baro.value_us, baro.interval_s, baro.run, baro.doubt = -1, math.nan, 0, 1.0
-    baro.change_m = 0.0
+    baro.change_m = COARSEST_M
     for k in range(3):
         baro.seen_runs[k], baro.repeated[k] = 0.0, 0.0
     baro.heard_us, baro.stuck, baro.head_m, baro.lift = -1, 0, 0.0, 0.0
@@ -164,7 +165,7 @@ def note_run(baro: Record, climb_mps: float) -> None:
 def repeat_probability(baro: Record) -> float:
     """Probability of the newest repeat in motion, by how often this stream has repeated after as
     many repeats."""
-    probability = 1.0
+    probability = REPEAT_START
     for k in range(min(baro.run, 3)):
         probability = (baro.repeated[k] + probability) / (baro.seen_runs[k] + 1.0)
     return max(LEAST_REPEAT, probability)

@@ -34,7 +34,7 @@ AGREEMENT = np.dtype(
     [
         ("excluded", "i8"),  # Kind of the sensor that is known to be wrong; -1 none
         ("agree", "i8"),
-        ("has_lasted", "i8"),  # 1 when an excluded receiver has stayed for as long as before it left
+        ("has_lasted", "i8"),  # 1: an excluded receiver stayed for as long as before it left
         ("baro_us", "i8"),
         ("baro_m", "f8"),
         ("gnss_us", "i8"),

@@ -172,6 +172,22 @@ def sim_state(state: State) -> bytes | None:
     )
 
 
+def simstate(state: State) -> bytes | None:
+    """The truth without its altitude, as ArduPilot SITL streams it."""
+    truth, motion = state.truth, state.motion
+    if truth is None or motion is None:
+        return None
+    return _SIMSTATE.wire(
+        truth.roll_rad,
+        truth.pitch_rad,
+        math.remainder(truth.yaw_rad, math.tau),
+        *motion.specific_force_b_mps2,
+        *motion.angular_rate_b_radps,
+        round(truth.latitude_deg * 1e7),
+        round(truth.longitude_deg * 1e7),
+    )
+
+
 def true_air(state: State) -> bytes | None:
     """The truth of the air, in a message that loggers and plotters show: QNH (hPa), the column's
     pressure at sea level (hPa), temperature less the standard one (K), pressure altitude (m), wind
@@ -351,6 +367,7 @@ _SYSTEM_TIME = packer("SYSTEM_TIME")
 _ATTITUDE = packer("ATTITUDE")
 _RAW_IMU = packer("RAW_IMU")
 _SIM_STATE = packer("SIM_STATE")
+_SIMSTATE = packer("SIMSTATE")
 _HIGHRES_IMU = packer("HIGHRES_IMU")
 _DEBUG_FLOAT_ARRAY = packer("DEBUG_FLOAT_ARRAY")
 _SCALED_PRESSURE = packer("SCALED_PRESSURE")
@@ -379,6 +396,7 @@ _TABLE = (
         Fresh.MOTION,
         (_RAW_IMU.message_id, _ATTITUDE.message_id),
     ),
+    Telemetry(_SIMSTATE, simstate, 1.0, 0.0, _EXTRA1, Fresh.MOTION),
     Telemetry(_SCALED_PRESSURE, scaled_pressure, 1.0, 20.0, _RAW_SENSORS),
     Telemetry(_HYGROMETER_SENSOR, hygrometer_sensor, 1.0, 1.0, _EXTRA3),
     Telemetry(_GPS_RAW_INT, gps_raw_int, 1.0, 5.0, _EXTENDED_STATUS, Fresh.FIX),

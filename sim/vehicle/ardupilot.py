@@ -265,7 +265,7 @@ _TABLE = (
         Fresh.MOTION,
         (_RAW_IMU.message_id, _ATTITUDE.message_id),
     ),
-    Telemetry(SIMSTATE, simstate, 1.0, 0.0, _EXTRA1, Fresh.MOTION),
+    Telemetry(SIMSTATE, simstate, 0.0, 0.0, _EXTRA1, Fresh.MOTION),
     Telemetry(_SCALED_PRESSURE, scaled_pressure, 1.0, 20.0, _RAW_SENSORS),
     Telemetry(_HYGROMETER_SENSOR, hygrometer_sensor, 1.0, 1.0, _EXTRA3),
     Telemetry(_GPS_RAW_INT, gps_raw_int, 1.0, 5.0, _EXTENDED_STATUS, Fresh.FIX),

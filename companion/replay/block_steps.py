@@ -65,7 +65,7 @@ READING = np.dtype(
         ("frame", "i8"),
         ("kind", "i8"),
         ("row", "i8"),  # in the table of its kind
-        ("base", "i8"),
+        ("origin", "i8"),
         ("stamp_us", "i8"),
         ("source", "i8"),  # message
         ("instance", "i8"),
@@ -134,7 +134,7 @@ def take_in(
         for r in range(frame.first, frame.first + frame.count):
             reading = readings[r]
             effect, time_us = place(
-                s.clock, s.clock_params, reading.base, reading.stamp_us, reading.source,
+                s.clock, s.clock_params, reading.origin, reading.stamp_us, reading.source,
                 frame.arrival_us,
             )  # fmt: skip
             if effect == REBOOT or s.clock[0].wrong_units != wrong:

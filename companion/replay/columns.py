@@ -197,14 +197,13 @@ def _merged(
     parts: list[Rows] = []
     samples: dict[Kind, list[Rows]] = {kind: [] for kind in Kind}
     sizes = dict.fromkeys(Kind, 0)
-    ranks: list[NDArray[np.int64]] = []
     for message_id, where, readings in found:
-        for rank, each in enumerate(readings):
+        for each in readings:
             part = np.zeros(each.messages.size, READING)
             part["above_m"] = np.nan
             part["frame"], part["kind"] = where[each.messages], each.kind
             part["row"] = sizes[each.kind] + np.arange(part.size)
-            part["base"], part["stamp_us"] = BASES[each.base], each.stamp_us
+            part["origin"], part["stamp_us"] = BASES[each.base], each.stamp_us
             part["source"], part["instance"] = message_id, each.samples["instance"]
             part["rank"] = np.where(part["instance"] == 0, ImuSelector.rank(message_id, 0), -1)
             part["is_highres"] = message_id == HIGHRES_IMU
@@ -214,10 +213,9 @@ def _merged(
             samples[each.kind].append(each.samples)
             sizes[each.kind] += part.size
             parts.append(part)
-            ranks.append(np.full(part.size, rank))
     all_parts = np.concatenate(parts) if parts else np.zeros(0, READING)
-    within = np.concatenate(ranks) if ranks else np.zeros(0, np.int64)
-    ordered = readable(all_parts[np.lexsort((within, all_parts["frame"]))])
+    in_order = np.argsort(all_parts["frame"], kind="stable")  # of one frame as they are converted
+    ordered = readable(all_parts[in_order])
     counts = np.bincount(np.asarray(ordered["frame"]), minlength=frames.size)
     frames["count"], frames["first"] = counts, np.cumsum(counts) - counts
     tables = _tables(samples, ordered.size)

@@ -101,7 +101,8 @@ def test_uncompiled_it_is_the_same(short_hop: Path, tmp_path: Path) -> None:
     piece.write_bytes(short_hop.read_bytes()[:150_000])
     script = (
         "import sys, hashlib; from pathlib import Path; import numpy as np; "
-        "from companion.replay.run import replay; from companion.settings import CompanionSettings; "
+        "from companion.replay.run import replay; "
+        "from companion.settings import CompanionSettings; "
         "found = replay(Path(sys.argv[1]), CompanionSettings(estimator='adaptive-fusion')); "
         "rows = np.asarray(found.sessions[0].seen.rows); "
         "print(rows.size, hashlib.sha256(np.ascontiguousarray(rows).tobytes()).hexdigest())"

@@ -10,7 +10,7 @@ from companion.estimators.vertical_bank.hypotheses import search, switch
 from companion.estimators.vertical_bank.inertial import is_inertial
 from companion.estimators.vertical_bank.mixture import advance, climb_the_column, mean, variance
 from companion.estimators.vertical_bank.publishing import publish
-from companion.estimators.vertical_bank.takeoff import watch_takeoff
+from companion.estimators.vertical_bank.takeoff import REST_SPEED_MPS, watch_takeoff
 from companion.jit import step
 from companion.samples import Rows
 
@@ -20,7 +20,6 @@ UNWATCHED_S = 1.5
 """Longer than between two fixes of a slow receiver."""
 LONG_SILENCE_US = 60_000_000
 """After so long without any height, what moved is unknown."""
-REST_SPEED_MPS = 1.5
 DATUM_SIGMA = 5.0
 """A barometer that is further off after a silence has another datum."""
 
@@ -62,7 +61,7 @@ def conclude(state: Rows, params: Rows, estimate: Rows) -> None:
     if p.integrity == 1 and s.gnss.seen == 1 and s.baro.seen == 1:
         search(s.bank, p)
         attribute(s.named, s.bank, p.attribution_probability, is_blind(state))
-    if watch_takeoff(s.takeoff, s.bank):
+    if watch_takeoff(s.takeoff, s.bank, s.gnss.ground_speed_mps):
         note_takeoff(s.aids, s.bank.now_us)
     if s.takeoff.time_us < 0 and not s.gnss.ground_speed_mps > REST_SPEED_MPS:
         fuse_field(s.aids, s.bank, p)

@@ -360,7 +360,7 @@ def test_two_wrong_sensors_are_covered_by_the_level() -> None:
 
 
 def test_height_above_takeoff_with_two_wrong_sensors_is_as_good_as_the_height() -> None:
-    made = lost()
+    made = lost().stand()
     estimates, error, elapsed_s = fly(made)
     late = elapsed_s > 95.0
     above_m = estimates["height_above_takeoff_m"] - (
@@ -455,7 +455,7 @@ def test_second_barometer_stands_in() -> None:
 
 
 def test_height_above_takeoff_without_arming_is_that_of_the_first_climb() -> None:
-    made = flight()
+    made = flight().stand()
     estimates, _, elapsed_s = fly(made)
     late = elapsed_s > 40.0
     height = made.truth_m(estimates["time_us"]) - made.plan.start_m
@@ -471,6 +471,43 @@ def test_height_above_takeoff_counts_from_arming() -> None:
     late = elapsed_s > 12.0
     height = made.truth_m(estimates["time_us"]) - made.plan.start_m
     assert rms((estimates["height_above_takeoff_m"] - height)[late]) < 0.8
+
+
+def restarted(made: Flight, at_s: float, clock_s: float) -> Flight:
+    """A restart of the estimator at `at_s`, where the vehicle's clock then reads `clock_s`."""
+    row = sample(Kind.STATUS, round(clock_s * 1e6), armed=-1, landed=-1, reboot=1)
+    row["arrival_us"] = np.interp(
+        at_s,
+        *(made.elapsed_s(made.tables[Kind.IMU]["time_us"]), made.tables[Kind.IMU]["arrival_us"]),
+    )
+    made.tables[Kind.STATUS] = np.concatenate([made.tables[Kind.STATUS], row])
+    return made
+
+
+def test_a_restart_in_flight_keeps_the_place_of_the_takeoff() -> None:
+    """The checker restarts an estimator that it does not support; the vehicle's clock goes on."""
+    at_s = 120.0
+    made = flight().stand()
+    estimates, _, elapsed_s = fly(restarted(made, at_s, made.plan.boot_s + at_s))
+    height = made.truth_m(estimates["time_us"]) - made.plan.start_m
+    late = elapsed_s > at_s + 5.0
+    assert np.abs(estimates["height_above_takeoff_m"] - height)[late].max() < 6.0
+
+
+def test_a_flight_that_is_first_heard_in_the_air_has_no_takeoff() -> None:
+    """The climbs of a vehicle that moves, or says that it flies, do not begin on the ground."""
+    moving, hovering = flight(), flight().stand(1e9)
+    hovering.tables[Kind.STATUS]["landed"] = 0
+    for made in (moving, hovering):
+        assert np.isnan(fly(made)[0]["height_above_takeoff_m"]).all()
+
+
+def test_a_reboot_of_the_vehicle_forgets_the_takeoff() -> None:
+    made = flight().stand()
+    for kind, table in made.tables.items():  # what is heard from 120 s on is of a new boot
+        made.tables[kind] = table[made.elapsed_s(table["time_us"]) < 120.0]
+    estimates, _, _ = run_log(vb.METHOD, restarted(made, 119.9, 1.0).log())
+    assert np.isnan(estimates["height_above_takeoff_m"][-1])
 
 
 def test_protection_level_covers_and_grows_with_a_smaller_risk() -> None:

@@ -7,7 +7,7 @@ from companion.estimators.vertical_bank.barometer import unseen_speed_mps
 from companion.estimators.vertical_bank.beginning import resume
 from companion.estimators.vertical_bank.channel import PORT
 from companion.estimators.vertical_bank.hypotheses import search, switch
-from companion.estimators.vertical_bank.inertial import is_inertial
+from companion.estimators.vertical_bank.inertial import forget_manoeuvre, is_inertial
 from companion.estimators.vertical_bank.mixture import advance, climb_the_column, mean, variance
 from companion.estimators.vertical_bank.publishing import publish
 from companion.estimators.vertical_bank.takeoff import REST_SPEED_MPS, watch_takeoff
@@ -57,6 +57,8 @@ def conclude(state: Rows, params: Rows, estimate: Rows) -> None:
     away_s = (s.bank.now_us - s.gnss.used_us) * 1e-6
     s.bank.outage = 1 if s.gnss.seen == 0 or away_s > OUTAGE_S else 0
     s.bank.unwatched = 1 if s.gnss.seen == 0 or away_s > UNWATCHED_S else 0
+    if s.bank.unwatched == 1:
+        forget_manoeuvre(s.imu, p)
     switch(s.bank, p, s.baro.stuck)
     if p.integrity == 1 and s.gnss.seen == 1 and s.baro.seen == 1:
         search(s.bank, p)

@@ -1,5 +1,6 @@
 """The vertical bank on synthetic flights: accuracy, honesty, and what each part is for."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -589,3 +590,44 @@ def test_a_fix_of_a_better_type_that_swings_by_metres_counts_as_a_plain_one(fix_
     late = seconds > 60.0
     assert rms(error[late]) < 2.5
     assert (estimates["altitude_sd_m"][late] > 1.0).all()
+
+
+def at_rest(swings_m: float, claims_m: float) -> Rows:
+    """The last estimate over five minutes on the ground, where a receiver swings over 90 s."""
+    running, random = Filter(vb.METHOD), np.random.default_rng(4)
+    for k in range(1500):
+        time_us, noise_pa = 1_000_000 + 200_000 * k, random.normal(0.0, 3.0)
+        running.step(Kind.PRESSURE, sample(Kind.PRESSURE, time_us, pressure_pa=95e3 + noise_pa))
+        swing_m = swings_m * math.sqrt(2.0) * math.sin(math.tau * 0.2 * k / 90.0)
+        fix = sample(
+            Kind.GNSS,
+            time_us,
+            altitude_amsl_m=540.0 + swing_m,
+            vertical_sd_m=claims_m,
+            ground_speed_mps=0.1,
+            fix_type=3,
+        )
+        running.step(Kind.GNSS, fix)
+    return running.state
+
+
+def test_a_receiver_that_swings_at_rest_is_trusted_less_than_it_reports() -> None:
+    """Recorded: reports of .8 m, swings of 5 m. A receiver that is as good as it says stays so."""
+    swings, steady, honest = at_rest(5.0, 0.8), at_rest(0.5, 0.8), at_rest(4.0, 4.0)
+    assert 3.5 < math.sqrt(swings["bank"]["slow_m2"][0]) < 5.0
+    assert math.sqrt(steady["bank"]["slow_m2"][0]) == pytest.approx(2.5, abs=0.05)
+    assert math.sqrt(honest["bank"]["slow_m2"][0]) == pytest.approx(4.0, abs=0.1)
+
+
+def test_rtk_fixes_without_an_imu_are_as_good_as_with_one() -> None:
+    """Centimetres at five fixes a second: their own differences tell how the vehicle manoeuvres."""
+    made = flight(imu_hz=0.0)
+    fixes, random = made.tables[Kind.GNSS], np.random.default_rng(8)
+    fixes["altitude_amsl_m"] = made.truth_m(fixes["time_us"]) + random.normal(0.0, 0.01, fixes.size)
+    fixes["vertical_sd_m"], fixes["fix_type"] = 0.01, 6
+    estimates, error, elapsed_s = fly(made)
+    late = elapsed_s > 60.0
+    assert rms(error[late]) < 0.05
+    assert 0.4 < rms(error[late]) / rms(estimates["altitude_sd_m"][late]) < 2.0
+    assert np.median(estimates["protection_level_m"][late]) < 0.5
+    assert not estimates["faulty"].any()

@@ -108,7 +108,7 @@ def _counting(total: int) -> "Iterator[Callable[..., None]]":
             if not console.is_terminal and (now_s - said_s >= 60.0 or count == total):
                 said_s = now_s
                 left = (total - count) / rate if rate > 0 else 0.0
-                say = f"{count} of {total} logs, {rate * 60:.0f} a minute, {left:.0f} s left"
+                say = f"{count} of {total} logs, {rate * 60:.2g} a minute, {left:.0f} s left"
                 print(say, file=sys.stderr, flush=True)
 
         yield advance
@@ -118,13 +118,23 @@ def _show_fleet(table: "Sequence[dict[str, Any]]", top: int) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    shown = Table("log", "session", "wrong", "m", "verdict", box=None, pad_edge=False)
-    for row in table[:top]:
-        score = f"{row['score_m']:.1f}" if row["score_m"] is not None else ""
-        name, number = Path(row["log"]).name, str(row["session"] or "")
-        shown.add_row(name, number, row["wrong"], score, row["error"] or row["verdict"])
+    shown = Table("log", "session", "wrong", "worst, m", "why", box=None, pad_edge=False)
+    read = [row for row in table if row["error"] is None]
+    for row in read[:top]:
+        shown.add_row(
+            Path(row["log"]).name,
+            str(row["session"]),
+            row["wrong"],
+            f"{row['score_m']:.1f}",
+            row["reason"],
+        )
     console = Console(width=None if sys.stdout.isatty() else 160)
-    console.print(shown)
-    unreadable = sum(row["error"] is not None for row in table)
-    wrong = sum(bool(row["wrong"]) for row in table)
-    print(f"{len(table) - unreadable} sessions, {wrong} with a wrong altitude; {unreadable} unread")
+    if read:
+        console.print(shown)
+    if len(read) > top:
+        print(f"... and {len(read) - top} more (--top N shows more)")
+    for row in table:
+        if row["error"] is not None:
+            print(f"not read: {Path(row['log']).name}: {row['error']}")
+    wrong = sum(bool(row["wrong"]) for row in read)
+    print(f"{len(read)} sessions, {wrong} with a wrong altitude; {len(table) - len(read)} not read")

@@ -197,7 +197,8 @@ class Pipeline:
             self.announcements.health(self.health)
             vehicle, at_s = identity.vehicle or (0, 0), max(0, self.now_us) * 1e-6
             identity.tell(
-                f"{vehicle[0]}/{vehicle[1]} lost at {at_s:.1f} s of its clock: {self.health.reason}"
+                f"vehicle {vehicle[0]}/{vehicle[1]} lost at {at_s:.1f} s of its clock: "
+                f"{self.health.reason}"
             )
         messages = self.announcements.due(host_us)
         return self._encode(messages) if messages else []

@@ -117,14 +117,17 @@ class Receiver:
         above_m = undulation_m(float(value["latitude_deg"]), float(value["longitude_deg"]))
         if not abs(above_m) >= LEAST_UNDULATION_M:
             return
-        text = f"gives one height for sea level and ellipsoid, {above_m:.0f} m apart here: "
+        text = (
+            "gives the same height above sea level and above the ellipsoid, which are "
+            f"{abs(above_m):.0f} m apart here: "
+        )
         if self._equal_heights == "ellipsoid":
-            self._tell(text + "the ellipsoid's, and corrected")
+            self._tell(text + "it is the ellipsoid's, and was corrected")
             row["altitude_amsl_m"] = value["altitude_ellipsoid_m"] - above_m
         else:
             self._tell(
-                text + "in doubt by as much, set intake.equal_heights "
-                "(sea_level: a simulation, such as ArduPilot SITL)"
+                text + "the altitude is in doubt by as much; set intake.equal_heights to "
+                "sea_level (a simulation such as ArduPilot SITL) or ellipsoid, whichever it is"
             )
             self.doubt_m = abs(above_m)
             sd_m = float(gnss_sd_m(row, 0.0, UNKNOWN_SD_M))

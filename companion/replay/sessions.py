@@ -135,7 +135,7 @@ class _Splitter(Generic[Seen]):
         session.samples = {kind: now.samples[kind] - base.samples[kind] for kind in Kind}
         session.left_out = now.left_out - base.left_out
         session.heard = now.heard - base.heard
-        session.notes = [*pipeline.identity.notes, *pipeline.intake.notes]
+        session.notes = [*pipeline.identity.notes[base.notes :], *pipeline.intake.notes]
         session.health, session.reason = pipeline.health.health.name, pipeline.health.reason
         if session.has_height:
             self.sessions.append(session)
@@ -170,6 +170,7 @@ class _Counts:
     samples: dict[Kind, Counter[Verdict]]
     left_out: Counter[str]
     heard: Counter[int]
+    notes: int
 
 
 def _counts(pipeline: Pipeline) -> _Counts:
@@ -177,7 +178,8 @@ def _counts(pipeline: Pipeline) -> _Counts:
         kind: Counter(dict(zip(Verdict, pipeline.verdicts[kind], strict=True))) for kind in Kind
     }
     left_out = Counter({str(cause): n for cause, n in pipeline.intake.counters.items()})
-    return _Counts(samples, left_out, Counter(pipeline.heard))
+    notes = len(pipeline.identity.notes)
+    return _Counts(samples, left_out, Counter(pipeline.heard), notes)
 
 
 def sessions_of(

@@ -53,7 +53,11 @@ class Intake:
         """The reason why no altitude of this receiver may be published; empty when there is
         none."""
         doubt_m = self._receivers[0].doubt_m
-        return f"GNSS of the ellipsoid? {doubt_m:.0f} m" if doubt_m > LARGEST_DOUBT_M else ""
+        return (
+            f"GNSS height in doubt by {doubt_m:.0f} m (ellipsoid?)"
+            if doubt_m > LARGEST_DOUBT_M
+            else ""
+        )
 
     @property
     def notes(self) -> list[str]:

@@ -18,8 +18,9 @@ LEAST_OWN_S = 20.0
 STANDARD_HPA = 1013.25
 
 
-def advice(found: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """(level, sentence) of a session's summary."""
+def advice(found: dict[str, Any], *, is_in_doubt: bool) -> Iterator[tuple[str, str]]:
+    """(level, sentence) of a session's summary; `is_in_doubt`: GNSS and barometer disagreed, and
+    GNSS was not excluded."""
     own, health = found["own_altitude"], found["health"]
     if health["first_s"] is None:
         if found["altitude"]["estimates"] and not found["gnss"].get("share_3d"):
@@ -31,6 +32,11 @@ def advice(found: dict[str, Any]) -> Iterator[tuple[str, str]]:
         return
     if not own:
         yield "note", "No advice for the autopilot: the log holds no altitude of its own."
+        return
+    if not own["span_s"] and own["without_origin_s"]:
+        return  # told already
+    if is_in_doubt:
+        yield "note", "GNSS and barometer disagreed: change nothing because of this session alone."
         return
     if own["span_s"] < LEAST_OWN_S or found["duration_s"] < LEAST_S:
         yield (

@@ -221,7 +221,7 @@ def own_altitude(recording: Recording) -> dict[str, Any]:
     if not times_us.size:
         return {}
     without = before_origin(recording)
-    found = {"without_origin_s": (times_us[without][-1] - times_us[0]) * 1e-6 if without else 0.0}
+    found = {"without_origin_s": (times_us[without - 1] - times_us[0]) * 1e-6 if without else 0.0}
     times_us, own_m = times_us[without:], own_m[without:]
     ours_us, ours_m = recording.track("published")
     above_m = own_m - truth_at(times_us, ours_us, ours_m)

@@ -114,7 +114,7 @@ def summarise(
             "share": recording.health_shares(),
             **availability(recording, ticks),
         },
-        "at_rest": height is np.zeros_like,
+        "at_rest": _moved(recording, start_us) if height is np.zeros_like else None,
         "unreadable": unreadable,
         "notes": session.notes,
         "samples": _samples(session),
@@ -132,6 +132,18 @@ def summarise(
         "sources": _sources(recording, reference, start_us),
     }
     found |= verdict(found)
+    return found
+
+
+def _moved(recording: Recording, start_us: float) -> dict[str, Any]:
+    """Range of our altitude and of the autopilot's, from the settling time on."""
+    found: dict[str, Any] = {}
+    for name in ("published", "autopilot"):
+        times_us, altitude_m = recording.track(name)
+        late = times_us >= start_us
+        if name == "autopilot":
+            late[: before_origin(recording)] = False
+        found[name] = float(np.ptp(altitude_m[late])) if late.any() else None
     return found
 
 

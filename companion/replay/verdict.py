@@ -51,9 +51,11 @@ def verdict(found: dict[str, Any]) -> dict[str, Any]:
     score_m = max(
         (_p95_without_datum(sources, name) for name in sources if name != "estimate"), default=0.0
     )
+    is_in_doubt = _has_parted(found) and found["parting"]["sensor"] != "barometer"
     findings = [
         *_altitude(found),
         *_wrong(found, wrong),
+        *_at_rest(found),
         *_origin(found),
         *_barometer(found),
         *_parting(found),
@@ -61,7 +63,7 @@ def verdict(found: dict[str, Any]) -> dict[str, Any]:
         *_exclusions(found),
         *_gnss(found),
         *_notes(found),
-        *(_say(level, text) for level, text in advice(found)),
+        *(_say(level, text) for level, text in advice(found, is_in_doubt=is_in_doubt)),
     ]
     gravest = max(findings, key=lambda each: LEVELS.index(each["level"]))
     return {
@@ -125,7 +127,7 @@ def _no_altitude(found: dict[str, Any]) -> str:
 
 def _late(found: dict[str, Any]) -> str:
     first_s, fix_s = found["health"]["first_s"], found["gnss"].get("first_3d_s", math.nan)
-    why = f", as GNSS had no 3D fix for {fix_s:.0f} s" if fix_s > LATE_S else ""
+    why = f", as GNSS had no 3D fix for {fix_s:.0f} s" if fix_s >= 0.5 * first_s else ""
     return f"The altitude begins {first_s:.0f} s after the start of the session{why}."
 
 
@@ -179,6 +181,16 @@ def _wrong(found: dict[str, Any], wrong: list[str]) -> Iterator[Finding]:
             f"{whose} differed from {what} by up to {source['max_m']:.0f} m "
             f"(95 % within {source['p95_m']:.0f} m).",
         )
+
+
+def _at_rest(found: dict[str, Any]) -> Iterator[Finding]:
+    """What moved though the vehicle did not."""
+    moved = found["at_rest"] or {}
+    for name, whose in (("published", "Kollsman's"), ("autopilot", "The autopilot's own")):
+        range_m = moved.get(name)
+        if range_m is not None and range_m >= DRIFT_M:
+            text = f"{whose} altitude moved through {range_m:.0f} m while the vehicle stood still."
+            yield _say("bad" if range_m > 2.0 * WRONG_M else "warning", text)
 
 
 def _origin(found: dict[str, Any]) -> Iterator[Finding]:
@@ -238,16 +250,20 @@ def _gnss(found: dict[str, Any]) -> Iterator[Finding]:
         )
 
 
-def _parting(found: dict[str, Any]) -> Iterator[Finding]:
-    """GNSS and barometer that parted, where no exclusion tells it."""
+def _has_parted(found: dict[str, Any]) -> bool:
+    """Whether GNSS and barometer parted, and no exclusion tells it."""
     parted = found["parting"]
-    if not parted:
+    return bool(parted) and not any(
+        each["from_s"] <= parted["to_s"] and each["from_s"] + each["duration_s"] >= parted["from_s"]
+        for each in found["exclusions"]
+    )
+
+
+def _parting(found: dict[str, Any]) -> Iterator[Finding]:
+    if not _has_parted(found):
         return
-    end_s = parted["to_s"]
-    for each in found["exclusions"]:
-        if each["from_s"] <= end_s and each["from_s"] + each["duration_s"] >= parted["from_s"]:
-            return
-    seconds = end_s - parted["from_s"]
+    parted = found["parting"]
+    seconds = parted["to_s"] - parted["from_s"]
     text = (
         f"GNSS and barometer parted by {parted['off_m']:+.0f} m in {seconds:.0f} s, "
         f"{_when(parted)}, faster than weather usually does"
@@ -295,12 +311,12 @@ def _excluded(name: str, span: dict[str, Any]) -> str:
 
 def _notes(found: dict[str, Any]) -> Iterator[Finding]:
     if found["unreadable"] >= UNREADABLE:
-        yield _say("note", f"{found['unreadable']:.0%} of the file could not be read.")
+        yield _say("note", f"{found['unreadable']:.0%} of the file is zeros or junk.")
     notes = found["notes"]
     for note in notes[:MOST_NOTES]:
         yield _say("note", f"{note[:1].upper()}{note[1:]}.")
     if len(notes) > MOST_NOTES:
-        yield _say("note", f"{len(notes) - MOST_NOTES} more notes are in the tables.")
+        yield _say("note", f"Further notes in the tables: {len(notes) - MOST_NOTES}.")
 
 
 def _when(span: dict[str, Any]) -> str:

@@ -15,7 +15,7 @@ def summary(**changes: Any) -> dict[str, Any]:
         "duration_s": 2400.0,
         "notes": [],
         "health": {"at_end": "OK", "reason": "", "first_s": 1.0, "lost": []},
-        "at_rest": False,
+        "at_rest": None,
         "unreadable": 0.0,
         "altitude": {"estimates": 1000, "median_sd_m": 1.05},
         "exclusions": [],
@@ -35,7 +35,13 @@ def barometer(drift_m: float, range_m: float, compared_with: str = "height") -> 
 
 
 def own(above_m: float, follows: str | None = "barometer") -> dict[str, Any]:
-    return {"above_m": above_m, "above_sd_m": 0.1, "span_s": 60.0, "follows": follows}
+    return {
+        "above_m": above_m,
+        "above_sd_m": 0.1,
+        "span_s": 60.0,
+        "follows": follows,
+        "without_origin_s": 0.0,
+    }
 
 
 def excluded(**changes: Any) -> dict[str, Any]:
@@ -72,7 +78,10 @@ def test_without_truth_a_drift_is_one_against_gnss() -> None:
     assert "The barometer drifted +14 m against GNSS in 40 minutes." in found["verdict"]
     there_and_back = verdict(summary(barometer=barometer(-2.0, 38.0, "gnss")))
     assert "The barometer's difference to GNSS moved through 38 m" in there_and_back["verdict"]
-    rest = verdict(summary(barometer=barometer(6.2, 6.6), at_rest=True))
+    rest = verdict(
+        summary(barometer=barometer(6.2, 6.6), at_rest={"published": 7.2, "autopilot": 0.4})
+    )
+    assert "Kollsman's altitude moved through 7 m while the vehicle stood" in rest["verdict"]
     assert "drifted +6 m in 40 minutes while the vehicle stood still." in rest["verdict"]
 
 
@@ -106,10 +115,13 @@ def test_sensors_that_part_without_an_exclusion() -> None:
         "to_utc": "2026-01-01T00:12:20+00:00",
         "sensor": None,
     }
-    assert "one of them was wrong" in verdict(summary(parting=parted))["verdict"]
+    doubt = verdict(summary(parting=parted))["verdict"]
+    assert "one of them was wrong" in doubt
+    assert "change nothing because of this session alone" in doubt
     assert "GNSS was wrong" in verdict(summary(parting=parted | {"sensor": "gnss"}))["verdict"]
     told = verdict(summary(parting=parted, exclusions=[excluded(from_s=600.0)]))
     assert "parted" not in told["verdict"]  # the exclusion tells it
+    assert "nothing to change" in told["verdict"]
 
 
 @pytest.mark.parametrize(
@@ -192,8 +204,11 @@ def test_the_gravest_finding_is_the_reason_and_the_order() -> None:
 
 def test_at_most_three_notes_are_sentences() -> None:
     found = verdict(summary(notes=[f"vehicle {k}/1 lost" for k in range(6)], unreadable=0.105))
-    assert "Vehicle 0/1 lost. Vehicle 1/1 lost. Vehicle 2/1 lost. 3 more notes" in found["verdict"]
-    assert "10% of the file could not be read." in found["verdict"]
+    assert (
+        "Vehicle 0/1 lost. Vehicle 1/1 lost. Vehicle 2/1 lost. Further notes in the tables: 3."
+        in found["verdict"]
+    )
+    assert "10% of the file is zeros or junk." in found["verdict"]
 
 
 def test_a_suspect_sensor_is_told_with_its_size() -> None:

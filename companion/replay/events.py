@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from companion.mavlink.codec import Frame, Message, mavlink
-from companion.mavlink.radio import RADIOS, Radio, radio_of
+from companion.mavlink.radio import Radio
 from companion.samples import Rows
 
 if TYPE_CHECKING:
@@ -92,8 +92,6 @@ class LinkQuality:
         counts = self._seconds.setdefault(sender, {}).setdefault(time_us // 1_000_000, [0, 0])
         counts[0] += 1
         counts[1] += gap if gap < LATEST else 0
-        if frame.message_id in RADIOS and (radio := radio_of(frame)) is not None:
-            self.radio.append((time_us, radio))
 
     def take_block(self, index: Rows) -> None:
         """Count frames, rows of `record_scan.INDEX`."""

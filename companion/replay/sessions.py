@@ -23,6 +23,7 @@ from companion.logs.tlog import TlogReader
 from companion.mavlink.codec import Frame, FrameReject, Message, decode, mavlink
 from companion.mavlink.convert import TimeBase
 from companion.mavlink.identity import autopilot_name, is_autopilot
+from companion.mavlink.radio import RADIOS, Radio, radio_of
 from companion.observer import Block, BlockObserver, Observer
 from companion.pipeline import Pipeline
 from companion.recorded import Item, Sensed
@@ -116,6 +117,8 @@ class _Splitter(Generic[Seen]):
         self.sessions: list[Session[Seen]] = []
         self.autopilots: dict[int, int] = {}
         """systems with an autopilot's HEARTBEAT, and how many of those"""
+        self._radio: dict[int, Radio] = {}
+        """what a telemetry radio reported, by the time of the log"""
         self._settings, self._observe, self._make = settings, observe, make
         self._renew()
 
@@ -145,6 +148,8 @@ class _Splitter(Generic[Seen]):
         session.heard = now.heard - base.heard
         session.notes = [*pipeline.identity.notes[base.notes :], *pipeline.intake.notes]
         session.health, session.reason = pipeline.health.health.name, pipeline.health.reason
+        radio = self._radio.items()
+        session.link.radio = [(t, r) for t, r in radio if session.first_us <= t <= session.last_us]
         if session.has_height:
             self.sessions.append(session)
 
@@ -155,11 +160,19 @@ class _Splitter(Generic[Seen]):
         self._open.last_us = time_us
         if isinstance(item, Frame):
             self._open.link.take(time_us, item)
+            if item.message_id in RADIOS:
+                self.heard_radio(time_us, item)
         if isinstance(item, Frame) and item.message_id == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             message = item.message or decode(item)
             if message is not None and is_autopilot(message):
                 self.autopilots[item.system_id] = self.autopilots.get(item.system_id, 0) + 1
         return self.pipeline.feed_item(item, time_us)
+
+    def heard_radio(self, time_us: int, frame: Frame) -> None:
+        """A frame of a telemetry radio about its signal."""
+        radio = radio_of(frame)
+        if radio is not None:
+            self._radio[time_us] = radio
 
     def passed(self, index: Rows) -> None:
         """Frames of the present session, rows of `record_scan.INDEX`, were taken in a block."""
@@ -294,6 +307,8 @@ def _pass_blocks(
             for time_us, item in days.take(reader.items_of(batch, pipeline.wanted)):
                 splitter.feed(time_us, item)
         elif batch.rows.size:
+            for at in np.flatnonzero(np.isin(batch.rows["message_id"], list(RADIOS))).tolist():
+                splitter.heard_radio(*batch.frame(at))
             runner.run(batch, splitter.block_observer)
             reader.passed(batch)
         if on_progress is not None:

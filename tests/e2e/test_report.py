@@ -11,6 +11,9 @@ import numpy as np
 import pytest
 
 from companion.errors import ConfigError
+from companion.logs.tlog import TlogReader, TlogWriter
+from companion.mavlink.codec import Encoder, mavlink
+from companion.replay.curves import curves_of
 from companion.replay.reports import check, write_reports
 from companion.replay.run import Replayed, replay
 from companion.samples import Kind
@@ -69,6 +72,30 @@ def test_the_page_holds_every_sample(page: Path, replayed: Replayed) -> None:
     assert {"qnh", "offsets", "weather", "accuracy", "fix", "innovation", "rates", "link"} <= set(
         names
     )
+
+
+def test_the_signal_of_a_telemetry_radio_is_a_curve(tmp_path: Path) -> None:
+    """Of two sessions in one file, each has its own."""
+    radio = Encoder(51, 68)
+    log = tmp_path / "radio.tlog"
+    with TlogWriter(log) as writer:
+        for number, start_us in enumerate((1_600_000_000_000_000, 1_600_000_900_000_000)):
+            part = tmp_path / f"{number}.tlog"
+            logfiles.write_tlog(part, flights.flight(**(SMALL | {"duration_s": 20.0})))
+            for k, packet in enumerate(TlogReader(part)):
+                writer.write(start_us + k * 10_000, packet.data)
+                if k % 100 == 0:
+                    level = 200 - 50 * number
+                    status = mavlink.MAVLink_radio_status_message(level, 255, 90, 43, 45, 7, 3)
+                    writer.write(start_us + k * 10_000 + 1, radio.encode(status))
+    found = replay(log)
+    levels = []
+    for session, reference in zip(found.sessions, found.references, strict=True):
+        columns = curves_of(session, reference).tables["radio"]
+        assert columns["t"].size > 3
+        assert np.isnan(columns["remote_rssi"]).all()
+        levels.append(set(columns["rssi"].tolist()))
+    assert levels == [{200.0}, {150.0}]
 
 
 def test_a_name_with_markup_stays_text(replayed: Replayed, tmp_path: Path) -> None:

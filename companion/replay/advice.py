@@ -16,11 +16,20 @@ LEAST_S = 60.0
 LEAST_OWN_S = 20.0
 """of the autopilot's altitude beside ours, at the end"""
 STANDARD_HPA = 1013.25
+LOOK = {
+    "gnss": "Look for interference (jamming, spoofing) or a covered antenna at that time.",
+    "unknown": "Find out which: GNSS (interference, a covered antenna) or the barometer (wind or "
+    "propellers over its port, light on it).",
+}
+"""what to look for where a sensor was wrong"""
 
 
-def advice(found: dict[str, Any], *, is_in_doubt: bool) -> Iterator[tuple[str, str]]:
-    """(level, sentence) of a session's summary; `is_in_doubt`: GNSS and barometer disagreed, and
-    GNSS was not excluded."""
+def advice(found: dict[str, Any], doubt: str) -> Iterator[tuple[str, str]]:
+    """(level, sentence) of a session's summary.
+
+    `doubt`: GNSS and barometer disagreed without an exclusion: "gnss" or "barometer" was wrong, or
+    it is "unknown" which; empty if they did not.
+    """
     own, health = found["own_altitude"], found["health"]
     if health["first_s"] is None:
         if found["altitude"]["estimates"] and not found["gnss"].get("share_3d"):
@@ -35,8 +44,8 @@ def advice(found: dict[str, Any], *, is_in_doubt: bool) -> Iterator[tuple[str, s
         return
     if not own["span_s"] and own["without_origin_s"]:
         return  # told already
-    if is_in_doubt:
-        yield "note", "GNSS and barometer disagreed: change nothing because of this session alone."
+    if doubt in LOOK:
+        yield "note", f"{LOOK[doubt]} Change nothing because of this session alone."
         return
     if own["span_s"] < LEAST_OWN_S or found["duration_s"] < LEAST_S:
         yield (

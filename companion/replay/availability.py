@@ -29,7 +29,7 @@ def availability(recording: Recording, ticks: Rows) -> dict[str, Any]:
     if not ticks.size:
         return {"at_last_height": Health.LOST.name, "first_s": None, "lost": []}
     has_altitude = np.asarray(ticks["health"]) != Health.LOST
-    t = (np.asarray(ticks["time_us"]) - int(ticks["time_us"][0])) * 1e-6
+    t = (np.asarray(ticks["now_us"]) - int(ticks["now_us"][0])) * 1e-6
     last = Health(int(ticks["health"][-1])).name
     if not has_altitude.any():
         return {"at_last_height": last, "first_s": None, "lost": []}
@@ -41,7 +41,7 @@ def availability(recording: Recording, ticks: Rows) -> dict[str, Any]:
     lost = []
     for before, after in edges:
         if after > before + 1 or t[after] - t[before] > GAP_S:
-            start_us = int(ticks["time_us"][before])
+            start_us = int(ticks["now_us"][before])
             lost.append(
                 {
                     "from_s": float(t[before]),

@@ -256,10 +256,11 @@ def sessions_of(
             found += _pass(reader, other, observe, make, None, None).sessions
     found = [each for each in found if each.vehicle is not None] or found
     if not found:
-        told = "; ".join(first.pipeline.identity.notes) or "no vehicle"
-        heard = f"vehicle {latched[0]}/{latched[1]}" if latched else told
+        told = "; ".join(first.pipeline.identity.notes) or "no vehicle is heard"
+        if latched:
+            told = f"vehicle {latched[0]}/{latched[1]} sends none"
         raise LogFormatError(
-            f"{reader.path}: nothing usable in it: {heard}, no barometer and no GNSS height"
+            f"{reader.path}: nothing usable in it: no barometer and no GNSS height; {told}"
         )
     return found
 

@@ -23,8 +23,8 @@ LARGER = 1.2
 """an error that is so many times as large as reported is told"""
 SHORT_S = 60.0
 """a shorter session is too short to judge drift and accuracy"""
-LATE_S = 5.0
-"""an altitude that begins later than this is told"""
+LATE_S, LATE_SHARE = 30.0, 0.2
+"""an altitude that begins later than this, or this share of a session, is told"""
 LOST_S = 1.0
 """a loss of the altitude that is shorter is not told"""
 ORIGIN_S = 10.0
@@ -40,7 +40,8 @@ Finding = dict[str, str]
 
 def verdict(found: dict[str, Any]) -> dict[str, Any]:
     """``wrong`` (names of sources), ``score_m`` (for sorting: the worst altitude), ``findings``,
-    ``reason`` (the first of the gravest) and ``verdict`` (all together) of a session's summary."""
+    ``reason`` (the first of the gravest, and the cause of a wrong altitude) and ``verdict`` (all
+    together) of a session's summary."""
     reference = found["reference"]
     sd_m = reference["sd_m"] if math.isfinite(reference["sd_m"]) else 0.0
     limit_m = WRONG_M + 3.0 * sd_m
@@ -51,28 +52,34 @@ def verdict(found: dict[str, Any]) -> dict[str, Any]:
     score_m = max(
         (_p95_without_datum(sources, name) for name in sources if name != "estimate"), default=0.0
     )
-    is_in_doubt = _has_parted(found) and found["parting"]["sensor"] != "barometer"
-    findings = [
-        *_altitude(found),
-        *_wrong(found, wrong),
-        *_at_rest(found),
-        *_origin(found),
+    causes = [
         *_barometer(found),
         *_parting(found),
         *_suspicions(found),
         *_exclusions(found),
         *_gnss(found),
-        *_notes(found),
-        *(_say(level, text) for level, text in advice(found, is_in_doubt=is_in_doubt)),
     ]
-    gravest = max(findings, key=lambda each: LEVELS.index(each["level"]))
+    doubt = found["parting"]["sensor"] or "unknown" if _has_parted(found) else ""
+    findings = [
+        *_altitude(found),
+        *_wrong(found, wrong),
+        *_at_rest(found),
+        *_origin(found),
+        *causes,
+        *_notes(found),
+        *(_say(level, text) for level, text in advice(found, doubt)),
+    ]
     return {
         "wrong": wrong,
         "score_m": score_m,
         "findings": findings,
-        "reason": gravest["text"],
+        "reason": " ".join([_gravest(findings), *([_gravest(causes)] if wrong and causes else [])]),
         "verdict": " ".join(each["text"] for each in findings),
     }
+
+
+def _gravest(findings: list[Finding]) -> str:
+    return max(findings, key=lambda each: LEVELS.index(each["level"]))["text"]
 
 
 def badness(found: dict[str, Any]) -> tuple[bool, int, float]:
@@ -107,7 +114,7 @@ def _altitude(found: dict[str, Any]) -> Iterator[Finding]:
         return
     if math.isfinite(altitude["median_sd_m"]):
         yield _known_within(found, 2.0 * altitude["median_sd_m"])
-    if health["first_s"] > LATE_S:
+    if health["first_s"] > min(LATE_S, LATE_SHARE * found["duration_s"]):
         yield _say("note", _late(found))
     yield from _lost(found)
     yield from _short(found)
@@ -210,7 +217,8 @@ def _origin(found: dict[str, Any]) -> Iterator[Finding]:
 def _barometer(found: dict[str, Any]) -> Iterator[Finding]:
     barometer = found["barometer"]
     drift_m, range_m = barometer["drift_m"], barometer["range_m"]
-    if drift_m is None or found["duration_s"] < SHORT_S:
+    suspect_s = sum(e["duration_s"] for e in found["suspicions"] if e["sensor"] == "barometer")
+    if drift_m is None or found["duration_s"] < SHORT_S or suspect_s > 0.5 * found["duration_s"]:
         return
     minutes = found["duration_s"] / 60.0
     by_gnss = barometer["compared_with"] == "gnss"
@@ -278,7 +286,7 @@ def _suspicions(found: dict[str, Any]) -> Iterator[Finding]:
         name, other = SENSORS[each["sensor"]], {"gnss": "the barometer"}.get(each["sensor"], "GNSS")
         sign = -1.0 if each["sensor"] == "gnss" else 1.0
         off_m = sign * each["off_m"]
-        size = f" by {off_m:+.0f} m," if math.isfinite(off_m) else ""
+        size = f" by {off_m:+.0f} m," if abs(off_m) >= WANDER_M else ""
         yield _say(
             "bad",
             f"{name} contradicted {other}{size} beyond any weather, first {_when(each)}, and was "

@@ -22,7 +22,7 @@ def session(
 ) -> Any:
     """A session of one barometer sample and fix a second."""
     rows = np.zeros(SECONDS, RECORD)
-    rows["time_us"] = rows["arrival_us"] = np.arange(SECONDS) * 1_000_000
+    rows["time_us"] = rows["now_us"] = rows["arrival_us"] = np.arange(SECONDS) * 1_000_000
     rows["pressure_pa"] = 100_000.0 - SECOND_PA * np.broadcast_to(heights_m, SECONDS)
     rows["ground_speed_mps"] = speed_mps
     kinds = {Kind.PRESSURE: rows, Kind.GNSS: rows if fixes else rows[:0]}
@@ -109,3 +109,11 @@ def test_a_gap_is_a_loss_without_data() -> None:
 
 def test_a_session_that_is_all_lost() -> None:
     assert health((0, SECONDS)) == {"at_last_height": "LOST", "first_s": None, "lost": []}
+
+
+def test_late_copies_are_no_loss() -> None:
+    """Each sample arrives again three seconds and a half later."""
+    recording = session()
+    rows = np.repeat(recording.ticks(), 2)
+    rows["time_us"][1::2] -= 3_500_000
+    assert availability(recording, rows)["lost"] == []

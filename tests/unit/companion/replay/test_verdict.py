@@ -117,8 +117,10 @@ def test_sensors_that_part_without_an_exclusion() -> None:
     }
     doubt = verdict(summary(parting=parted))["verdict"]
     assert "one of them was wrong" in doubt
-    assert "change nothing because of this session alone" in doubt
-    assert "GNSS was wrong" in verdict(summary(parting=parted | {"sensor": "gnss"}))["verdict"]
+    assert "Find out which" in doubt
+    assert "Change nothing because of this session alone." in doubt
+    gnss = verdict(summary(parting=parted | {"sensor": "gnss"}))["verdict"]
+    assert "GNSS was wrong. Look for interference" in gnss
     told = verdict(summary(parting=parted, exclusions=[excluded(from_s=600.0)]))
     assert "parted" not in told["verdict"]  # the exclusion tells it
     assert "nothing to change" in told["verdict"]
@@ -175,7 +177,8 @@ def test_a_session_without_any_altitude_says_why_and_what_to_do() -> None:
 
 def test_an_altitude_that_begins_late_or_is_lost_is_told_with_its_time() -> None:
     gnss = summary()["gnss"] | {"first_3d_s": 21.0}
-    late = verdict(summary(health=health(23.0), gnss=gnss))
+    assert "begins" not in verdict(summary(health=health(23.0), gnss=gnss))["verdict"]
+    late = verdict(summary(health=health(23.0), gnss=gnss, duration_s=100.0))
     assert (
         "The altitude begins 23 s after the start of the session, as GNSS had no 3D fix for 21 s."
         in late["verdict"]
@@ -196,8 +199,11 @@ def test_an_autopilot_without_an_origin_is_told_instead_of_a_wrong_altitude() ->
 def test_the_gravest_finding_is_the_reason_and_the_order() -> None:
     fine, drift = summary(), summary(barometer=barometer(14.2, 14.6))
     assert verdict(drift)["reason"] == "The barometer drifted +14 m in 40 minutes."
-    worst = {"published": {"p95_m": 50.0, "max_m": 60.0, "rmse_m": 2.0}}
-    wrong = summary(sources=worst)
+    worst: dict[str, Any] = {"published": {"p95_m": 50.0, "max_m": 60.0, "rmse_m": 2.0}}
+    wrong = drift | {"sources": worst}
+    told = verdict(wrong)["reason"]
+    assert told.startswith("Kollsman's altitude differed from the smoothed altitude by up to 60 m")
+    assert told.endswith("The barometer drifted +14 m in 40 minutes.")
     orders = [badness(each | verdict(each)) for each in (wrong, drift, fine)]
     assert orders == sorted(orders, reverse=True)
 
@@ -215,6 +221,8 @@ def test_a_suspect_sensor_is_told_with_its_size() -> None:
     span = {"sensor": "barometer", "from_s": 3.0, "from_utc": None, "duration_s": 490.0}
     found = verdict(summary(suspicions=[span | {"off_m": 5310.2}]))
     assert "The barometer contradicted GNSS by +5310 m, beyond any weather" in found["verdict"]
+    found = verdict(summary(suspicions=[span | {"sensor": "gnss", "off_m": -0.3}]))
+    assert "GNSS contradicted the barometer beyond any weather, first 3 s" in found["verdict"]
 
 
 def test_an_error_beyond_the_reported_accuracy_is_told() -> None:

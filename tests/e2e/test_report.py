@@ -210,6 +210,63 @@ def _zooms_together(tab: Any) -> None:
 
 
 @pytest.mark.slow
+def test_fingers_zoom_and_move_the_charts_and_scroll_the_page(browser: Any, page: Path) -> None:
+    context = browser.new_context(
+        viewport={"width": 390, "height": 800}, has_touch=True, is_mobile=True
+    )
+    tab = context.new_page()
+    tab.goto(page.as_uri())
+    tab.wait_for_selector("body[data-ready]")
+    chart = tab.locator("#panel-altitude .u-over")
+    chart.scroll_into_view_if_needed()
+    box, screen = chart.bounding_box(), context.new_cdp_session(tab)
+
+    def drag(*fingers: tuple[tuple[float, float], tuple[float, float]]) -> tuple[float, float]:
+        """Move each finger from one place to another, in shares of the chart; the zoom after."""
+        for step in range(11):
+            points = [
+                {
+                    "x": box["x"] + box["width"] * (x0 + (x1 - x0) * step / 10),
+                    "y": box["y"] + box["height"] * (y0 + (y1 - y0) * step / 10),
+                    "id": number,
+                }
+                for number, ((x0, y0), (x1, y1)) in enumerate(fingers)
+            ]
+            kind = "touchMove" if step else "touchStart"
+            screen.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+        screen.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+        tab.wait_for_timeout(300)
+        low, high = tab.evaluate("[flightView.range().min, flightView.range().max]")
+        return low, high
+
+    start, end = tab.evaluate("[flightView.range().min, flightView.range().max]")
+    third = drag(((0.4, 0.3), (0.2, 0.3)), ((0.6, 0.3), (0.8, 0.3)))
+    assert third[1] - third[0] == pytest.approx((end - start) / 3.0, rel=0.05)
+    moved = drag(((0.7, 0.3), (0.4, 0.3)))
+    assert moved[0] - third[0] == pytest.approx(0.3 * (third[1] - third[0]), rel=0.1)
+    before = tab.evaluate("scrollY")
+    assert drag(((0.5, 0.9), (0.5, 0.1))) == moved
+    assert tab.evaluate("scrollY") > before + 50
+    context.close()
+
+
+@pytest.mark.slow
+def test_on_paper_the_charts_are_whole(browser: Any, page: Path) -> None:
+    tab = browser.new_page(viewport={"width": 1280, "height": 900})
+    tab.goto(page.as_uri())
+    tab.wait_for_selector("body[data-ready]")
+    tab.emulate_media(media="print")
+    tab.set_viewport_size({"width": 680, "height": 960})
+    tab.evaluate("flightView.charts.forEach(chart => chart.setSize({width: 1140, height: 170}))")
+    widths = (
+        "[...document.querySelectorAll('.panel canvas')].map(c => c.getBoundingClientRect().width)"
+    )
+    assert max(tab.evaluate(widths)) <= 680
+    assert tab.locator("#bar").is_hidden()
+    tab.close()
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [320, 390])
 def test_a_phone_needs_no_horizontal_scroll(browser: Any, page: Path, width: int) -> None:
     tab = browser.new_page(viewport={"width": width, "height": 700}, device_scale_factor=2)

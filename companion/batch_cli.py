@@ -59,10 +59,10 @@ def batch(
     settings = resolve_settings(config, estimator, changes)
     compile_first(settings, settings.estimator)
 
-    from companion.replay.batch import find_logs, run_batch
+    from companion.replay.batch import find_logs, other_files, run_batch
     from companion.warmup import warm_up
 
-    logs = find_logs(places)
+    logs, others = find_logs(places), other_files(places)
     if scheduler is None:
         warm_up(settings)  # once, instead of in every worker
     with _counting(len(logs)) as on_done:
@@ -76,6 +76,9 @@ def batch(
             on_done=on_done,
         )
     _show_fleet(table, top)
+    if others:
+        named = ", ".join(f"{suffix} {count}" for suffix, count in sorted(others.items()))
+        print(f"{others.total()} other files are no logs by their names: {named}")
     print(f"wrote {out}/fleet.csv, fleet.parquet, fleet.json and rows/")
     if (out / "index.html").exists():
         print(f"wrote {out}/index.html: a report of each flight")

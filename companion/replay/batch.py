@@ -15,6 +15,7 @@ import csv
 import glob
 import hashlib
 import json
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -92,6 +93,14 @@ def find_logs(places: Sequence[str]) -> list[Path]:
     if not logs:
         raise ConfigError(f"no log in {', '.join(places)}; suffixes: {', '.join(sorted(suffixes))}")
     return logs
+
+
+def other_files(places: Sequence[str]) -> Counter[str]:
+    """The files in folders that are no logs by their names: how many of each suffix."""
+    logs = {suffix for known in FORMATS.values() for suffix in known.suffixes}
+    found = (each for place in places if Path(place).is_dir() for each in Path(place).rglob("*"))
+    suffixes = (each.suffix.lower() or "no suffix" for each in found if each.is_file())
+    return Counter(suffix for suffix in suffixes if suffix not in logs)
 
 
 def replay_job(job: BatchJob) -> list[Row]:

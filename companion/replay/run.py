@@ -93,6 +93,7 @@ def replay(
         summaries.append(
             summarise(session, number, settings.estimator, settle_s, reference, unreadable)
         )
+        session.seen.release()
     report = document("replay", str(path), summaries, **_file(reader, started_s))
     return Replayed(sessions, report, smoothed, references)
 

@@ -79,7 +79,10 @@ KNOBS: Mapping[str, Knob] = {
         "SENS_BARO_QNH",
         850.0,
         1100.0,
-        {"EKF2_HGT_REF": (0, "height is not the barometer's")},
+        {
+            "EKF2_HGT_REF": (0, "height is not the barometer's"),
+            "EKF2_BARO_CTRL": (1, "the barometer is not used"),
+        },
         _qnh_raised,
         _qnh_metres,
     ),

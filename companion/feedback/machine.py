@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 from enum import Enum, auto
 
 from companion.feedback.conditions import Hold, OwnHeight, Situation, objection
+from companion.feedback.evidence import target_m
 from companion.feedback.knobs import KNOBS, REAL32, Knob, parameter_value, single
 from companion.feedback.mark import Mark
 from companion.feedback.need import Need
@@ -36,9 +37,10 @@ POLL_US = 10_000_000
 TELL_M = 5.0
 """the correction is told by STATUSTEXT each time it has changed by so much"""
 LATE_US = 3_000_000
-BESIDE_M, BESIDE_SHARE = 5.0, 0.05
+BESIDE_M, BESIDE_SHARE, BESIDE_GROUND_M = 5.0, 0.05, 1.0
 """How far the vehicle's altitude may leave its barometer's: filters and static ports, and a column
-that is warmer than the firmware thinks."""
+that is warmer than the firmware thinks. On the ground there is less, and ArduPlane sets its datum
+anew there every second, so that it follows no write."""
 TEXT_SIZE = 50
 NAMED = mavlink.MAV_SEVERITY_NOTICE
 WARNED = mavlink.MAV_SEVERITY_WARNING
@@ -102,6 +104,7 @@ class Feedback:
         self._has_flown = self._restores = self._corrects = False
         self._need = Need()
         self._reference_m = self._reference_beside_m = self._reference_height_m = math.nan
+        self._reference_sd_m = self._sd_m = 0.0
         self._original = self._value = self._previous = self._unconfirmed = math.nan
         self._pending: _Pending | None = None
         self._failures = 0
@@ -243,7 +246,7 @@ class Feedback:
         self.offset_m = self._told_m = knob.metres(mark.original, value)
         self._need.holds(self.offset_m)
         if mark.reference_m is not None and self._now_us >= mark.time_us:
-            self._reference_m = mark.reference_m
+            self._reference_m, self._reference_sd_m = mark.reference_m, mark.reference_sd_m
         self._restores = self._armed is False
         self._say(f"found its {knob.parameter} {value:.2f}")
 
@@ -257,6 +260,7 @@ class Feedback:
         assert self._height is not None
         time_us, vehicle_m, relative_m = self._height
         value = situation.estimate[0]
+        self._sd_m = float(value["altitude_sd_m"])
         ahead_s = (time_us - int(value["time_us"])) * 1e-6
         ours_m = float(value["altitude_amsl_m"]) + ahead_s * float(value["climb_mps"])
         if not self._is_good:
@@ -276,11 +280,13 @@ class Feedback:
             if on_ground and not absolute:
                 return Hold.DISARMED
             self._reference_m = 0.0 if absolute else need.total_m - self.offset_m
+            self._reference_sd_m = 0.0 if absolute else self._sd_m
         elif on_ground and (self._has_flown or self.settings.datum != "absolute"):
             return Hold.DISARMED
         if math.isnan(self._reference_beside_m):
             self._reference_beside_m, self._reference_height_m = need.beside_m, ours_m
-        allowed_m = BESIDE_M + BESIDE_SHARE * abs(ours_m - self._reference_height_m)
+        allowed_m = BESIDE_GROUND_M if on_ground else BESIDE_M
+        allowed_m += BESIDE_SHARE * abs(ours_m - self._reference_height_m)
         if abs(need.beside_m - self._reference_beside_m) > allowed_m:
             return Hold.UNFOLLOWED
         if self._armed is not False and relative_m < self.settings.floor_m:
@@ -317,7 +323,8 @@ class Feedback:
             return self._write(knob, now_us, 0.0) if self._failures < FAILURES else []
         if self.phase is not Phase.READY or self.hold is not Hold.NONE:
             return []
-        wanted_m = self._need.total_m - self._reference_m
+        limit_m = self.settings.proof_sd * math.hypot(self._reference_sd_m, self._sd_m)
+        wanted_m = target_m(self.offset_m, self._need.total_m - self._reference_m, limit_m)
         bound_m = self.settings.bound_m
         error_m = max(-bound_m, min(bound_m, wanted_m)) - self.offset_m
         self._corrects = abs(error_m) > (
@@ -336,8 +343,8 @@ class Feedback:
             self._end(f"{knob.parameter} would be {value:g}")
             return []
         reference_m = None if math.isnan(self._reference_m) else self._reference_m
-        before = (self._original, value, self._value)
-        self.mark = Mark(self._target[0], knob.parameter, *before, now_us, reference_m)
+        before, counts_from = (self._original, value, self._value), (reference_m, self._reference_sd_m)
+        self.mark = Mark(self._target[0], knob.parameter, *before, now_us, *counts_from)
         if not self._keep(self.mark):
             self._end("its mark cannot be kept on disk")
             return []

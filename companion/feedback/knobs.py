@@ -102,3 +102,8 @@ def parameter_value(message: Message, autopilot: int) -> float:
 def single(value: float) -> float:
     """`value` as a parameter holds it, in single precision."""
     return float(struct.unpack("<f", struct.pack("<f", value))[0])
+
+
+def same(value: float, other: float) -> bool:
+    """Whether a parameter holds what was written, in single precision."""
+    return abs(value - other) <= 1e-6 * max(1.0, abs(other))

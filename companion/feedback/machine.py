@@ -19,7 +19,7 @@ from enum import Enum, auto
 
 from companion.feedback.conditions import Hold, OwnHeight, Situation, objection
 from companion.feedback.evidence import target_m
-from companion.feedback.knobs import KNOBS, REAL32, Knob, parameter_value, single
+from companion.feedback.knobs import KNOBS, REAL32, Knob, parameter_value, same, single
 from companion.feedback.mark import Mark
 from companion.feedback.need import Need
 from companion.feedback.questions import ANSWER_US, Questions
@@ -149,22 +149,22 @@ class Feedback:
 
     def _read_back(self, value: float) -> None:
         pending = self._pending
-        if pending is not None and _same(value, pending.value):
+        if pending is not None and same(value, pending.value):
             self._previous, self._value = self._value, pending.value
             self._pending, self._failures = None, 0
-            if self._restores and _same(value, self._original):
+            if self._restores and same(value, self._original):
                 self._restored()
-        elif _same(value, self._unconfirmed):  # the answer was lost, not the write
+        elif same(value, self._unconfirmed):  # the answer was lost, not the write
             self._value, self._failures = value, 0
             self._is_at(value)
-        elif not _same(value, self._value) and not self._is_old(value):
+        elif not same(value, self._value) and not self._is_old(value):
             self._drop_mark()
             self._value = math.nan  # theirs: it is not restored either
             self._end(f"parameter changed to {value:g}")
 
     def _is_old(self, value: float) -> bool:
         """Whether an answer from before the last write may have been late."""
-        return _same(value, self._previous) and self._now_us < self._due_us + LATE_US
+        return same(value, self._previous) and self._now_us < self._due_us + LATE_US
 
     def _is_at(self, value: float) -> None:
         """The parameter is known to hold `value`."""
@@ -236,9 +236,9 @@ class Feedback:
         mark = self.mark
         if mark is None:
             return
-        ours = _same(value, mark.written) or _same(value, mark.previous)
+        ours = same(value, mark.written) or same(value, mark.previous)
         is_here = (mark.system_id, mark.parameter) == (self._target[0], knob.parameter)
-        if not (is_here and ours) or _same(value, mark.original):
+        if not (is_here and ours) or same(value, mark.original):
             logger.info("%s is %g, no longer ours of an earlier run", knob.parameter, value)
             self._drop_mark()
             return
@@ -343,7 +343,10 @@ class Feedback:
             self._end(f"{knob.parameter} would be {value:g}")
             return []
         reference_m = None if math.isnan(self._reference_m) else self._reference_m
-        before, counts_from = (self._original, value, self._value), (reference_m, self._reference_sd_m)
+        before, counts_from = (
+            (self._original, value, self._value),
+            (reference_m, self._reference_sd_m),
+        )
         self.mark = Mark(self._target[0], knob.parameter, *before, now_us, *counts_from)
         if not self._keep(self.mark):
             self._end("its mark cannot be kept on disk")
@@ -392,8 +395,3 @@ class Feedback:
         return mavlink.MAVLink_param_set_message(
             *self._target, knob.parameter.encode(), value, REAL32
         )
-
-
-def _same(value: float, other: float) -> bool:
-    """Whether a parameter holds what was written, in single precision."""
-    return abs(value - other) <= 1e-6 * max(1.0, abs(other))

@@ -143,7 +143,7 @@ class Feedback:
             self._questions.values.setdefault(name, value)
         elif name != self.knob.parameter:
             if value != self._questions.values.get(name):
-                self._end(f"{name} was changed to {value:g}")
+                self._end(f"{name} now {value:g}")
         elif not math.isnan(self._value):
             self._read_back(value)
 
@@ -184,7 +184,7 @@ class Feedback:
             self._target, self._autopilot = situation.vehicle, situation.autopilot
             self.phase = Phase.READING
             if situation.autopilot != knob.autopilot:
-                self._end(f"{knob.parameter} is another autopilot's")
+                self._end(f"no {knob.parameter} here")
         messages: list[Message] = []
         if self.phase is Phase.READING:
             messages = self._read(knob, now_us)
@@ -205,11 +205,11 @@ class Feedback:
         in_flight = self._armed is not False and abs(self.offset_m) > STEP_M
         if self.settings.on_stop == "restore" and not in_flight:
             messages = [self._set(self.knob, self._original)]
-            self._say(f"stops, {name} restored")
+            self._say(f"stops: {name} restored")
         else:
             if self.settings.on_stop == "keep":
                 self._drop_mark()
-            self._say(f"stops, {name} keeps {self.offset_m:+.1f} m")
+            self._say(f"stops: {name} {self.offset_m:+.1f} m")
         texts, self._texts = self._texts, []
         return messages + texts
 
@@ -219,14 +219,14 @@ class Feedback:
         if not self._questions.missing:
             self._begin(knob, self._questions.values)
         elif self._questions.has_failed:
-            self._end(f"no answer about {self._questions.missing}")
+            self._end(f"{self._questions.missing} not heard")
         return [self._request(name)] if name else []
 
     def _begin(self, knob: Knob, values: Mapping[str, float]) -> None:
         """All parameters are known: check them, and what an earlier run has left."""
         for name, (needed, meaning) in knob.conditions.items():
             if values[name] != needed:
-                self._end(f"{name} {values[name]:g}: {meaning}")
+                self._end(f"{name} {values[name]:g}, not {needed:g}", meaning)
                 return
         value = values[knob.parameter]
         if not knob.lowest <= value <= knob.highest:
@@ -248,7 +248,7 @@ class Feedback:
         if mark.reference_m is not None and self._now_us >= mark.time_us:
             self._reference_m, self._reference_sd_m = mark.reference_m, mark.reference_sd_m
         self._restores = self._armed is False
-        self._say(f"found its {knob.parameter} {value:.2f}")
+        self._say(f"found its {knob.parameter} {value:.1f}")
 
     def _measure(self, now_us: int, situation: Situation) -> None:
         """Follow both altitudes; `hold` is the reason for which nothing can be written now."""
@@ -314,7 +314,7 @@ class Feedback:
         self._is_at(self._value)
         if self._failures >= FAILURES:
             self._restores = False
-            self._end(f"{knob.parameter} not read back twice")
+            self._end("writes are not read back")
         return []
 
     def _write_next(self, knob: Knob, now_us: int) -> list[Message]:
@@ -340,7 +340,7 @@ class Feedback:
         """PARAM_SET of a correction, once the mark is kept."""
         value = single(knob.raised(self._original, offset_m)) if offset_m else self._original
         if not knob.lowest <= value <= knob.highest:
-            self._end(f"{knob.parameter} would be {value:g}")
+            self._end(f"{knob.parameter} at a limit")
             return []
         reference_m = None if math.isnan(self._reference_m) else self._reference_m
         before, counts_from = (
@@ -349,9 +349,9 @@ class Feedback:
         )
         self.mark = Mark(self._target[0], knob.parameter, *before, now_us, *counts_from)
         if not self._keep(self.mark):
-            self._end("its mark cannot be kept on disk")
+            self._end("no place for its mark")
             return []
-        if not self.writes:
+        if not self.writes and not self.offset_m:
             self._say(f"starts: {knob.parameter} {self._original:g}")
         self.writes += 1
         self.offset_m = offset_m
@@ -375,12 +375,13 @@ class Feedback:
         self.mark = None
         self._keep(None)
 
-    def _end(self, why: str) -> None:
+    def _end(self, why: str, meaning: str = "") -> None:
         """Write no more. What was written stays, and is restored after disarming if it is still
-        ours."""
+        ours. `why` has room for 26 letters on the ground station; the log tells the meaning too."""
         if self.phase is Phase.ENDED:
             return
-        self.phase, self.why_ended, self._pending = Phase.ENDED, why, None
+        self.why_ended = f"{why}: {meaning}" if meaning else why
+        self.phase, self._pending = Phase.ENDED, None
         self._say(f"ends: {why}", WARNED)
 
     def _say(self, text: str, severity: int = NAMED) -> None:

@@ -64,6 +64,13 @@ class Autopilot:
             round(boot_s * 1e3), 470_000_000, 80_000_000, *heights, 0, 0, 0, 0
         )
 
+    def tell(self) -> None:
+        """PARAM_VALUE that nobody asked for."""
+        request = mavlink.MAVLink_param_request_read_message(1, 1, NAME.encode(), -1)
+        answer = self._answer(request)
+        assert answer is not None
+        self.link.send(answer)
+
     def _answer(self, message: Message) -> Message | None:
         kind = message.get_type()
         if kind == "PARAM_SET" and message.param_id == NAME:
@@ -140,7 +147,7 @@ def test_a_vehicle_that_restarts_and_somebody_who_sets_the_parameter(
         assert autopilot.writes[writes] == pytest.approx(0.1, abs=0.01)
         assert len(autopilot.link.messages("PARAM_REQUEST_READ")) >= len(starts) + 4  # read anew
         autopilot.values[NAME] = (1.5, mavlink.MAV_PARAM_TYPE_REAL32)
-        autopilot.link.send(autopilot._answer(_read()))  # type: ignore[arg-type]
+        autopilot.tell()
         until(lambda: any("changed to 1.5" in text for text in autopilot.texts()), 10.0)
         writes = len(autopilot.writes)
         autopilot.armed = False
@@ -148,7 +155,3 @@ def test_a_vehicle_that_restarts_and_somebody_who_sets_the_parameter(
         assert len(autopilot.writes) == writes
     assert autopilot.offset_m == 1.5
     assert marks(tmp_path) == []
-
-
-def _read() -> Message:
-    return mavlink.MAVLink_param_request_read_message(1, 1, NAME.encode(), -1)

@@ -207,36 +207,40 @@ def fly(job: Job) -> list[Row]:
             frames = pipeline.feed(Packet(BOOT_UNIX_US + flight.time_us, data)) if pipeline else []
             for frame in frames:
                 far.send(frame)
+        if case.second_barometer and pipeline and not flight.time_us % 200_000:
+            pipeline.feed(_second_pressure(flight, second))
         state = flight.vehicle.state
-        if case.second_barometer and pipeline and state.pressure and not flight.time_us % 200_000:
-            data = second.encode(
-                mavlink.MAVLink_scaled_pressure2_message(
-                    flight.time_us // 1000, (state.pressure.pressure_pa + SECOND_PA) * 0.01, 0, 3000
-                )
-            )
-            pipeline.feed(Packet(BOOT_UNIX_US + flight.time_us, data))
         if flight.time_us % 1_000_000 or state.truth is None or state.position is None:
             continue
         true_m, own_m = state.truth.altitude_amsl_m, state.position.altitude_amsl_m
         home = home if math.isfinite(home[0]) else (true_m, own_m)
-        raised_m = flight.vehicle.flavour.raised_m(state.parameters, 101_325.0)
-        ours = pipeline.filter.estimate[0]["altitude_amsl_m"] if pipeline else math.nan
-        rows.append(
-            {
-                "time_s": time_s,
-                "boots": boots,
-                "true_m": true_m,
-                "own_m": own_m,
-                "relative_error_m": own_m - home[1] - true_m + home[0],
-                "raised_m": raised_m,
-                "gnss_m": heard.gnss_m,
-                "ours_m": float(ours),
-                "writes": pipeline.feedback.writes if pipeline else 0,
-            }
-        )
+        found = {"time_s": time_s, "boots": boots, "true_m": true_m, "own_m": own_m}
+        found["relative_error_m"] = own_m - home[1] - true_m + home[0]
+        found["gnss_m"] = heard.gnss_m
+        rows.append(found | _written(flight, pipeline))
     near.close()
     far.close()
     return rows
+
+
+def _written(flight: Flight, pipeline: Pipeline | None) -> Row:
+    """Our altitude, the correction, and the number of writes."""
+    values = flight.vehicle.state.parameters
+    return {
+        "raised_m": flight.vehicle.flavour.raised_m(values, 101_325.0),
+        "ours_m": float(pipeline.filter.estimate[0]["altitude_amsl_m"]) if pipeline else math.nan,
+        "writes": pipeline.feedback.writes if pipeline else 0,
+    }
+
+
+def _second_pressure(flight: Flight, sender: Encoder) -> Packet:
+    """SCALED_PRESSURE2 of a second barometer on the same port."""
+    sample = flight.vehicle.state.pressure
+    pressure_hpa = (sample.pressure_pa + SECOND_PA) * 0.01 if sample else math.nan
+    message = mavlink.MAVLink_scaled_pressure2_message(
+        flight.time_us // 1000, pressure_hpa, 0.0, 3000
+    )
+    return Packet(BOOT_UNIX_US + flight.time_us, sender.encode(message))
 
 
 def _start(marks: list[Mark | None], mode: Mode) -> Pipeline:

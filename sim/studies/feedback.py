@@ -202,13 +202,15 @@ def fly(job: Job) -> list[Row]:
             pipeline = None
         elif pipeline is None and time_s >= case.kill_s + 5.0:
             pipeline = _start(marks, mode)
+        packets = []
         while data := far.receive(0.0):
             heard.feed(data)
-            frames = pipeline.feed(Packet(BOOT_UNIX_US + flight.time_us, data)) if pipeline else []
-            for frame in frames:
+            packets.append(Packet(BOOT_UNIX_US + flight.time_us, data))
+        if case.second_barometer and not flight.time_us % 200_000:
+            packets.append(_second_pressure(flight, second))
+        for packet in packets:
+            for frame in pipeline.feed(packet) if pipeline else ():
                 far.send(frame)
-        if case.second_barometer and pipeline and not flight.time_us % 200_000:
-            pipeline.feed(_second_pressure(flight, second))
         state = flight.vehicle.state
         if flight.time_us % 1_000_000 or state.truth is None or state.position is None:
             continue

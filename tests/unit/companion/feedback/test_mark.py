@@ -47,13 +47,15 @@ def test_a_mark_of_a_version_that_knew_no_spread_is_read(tmp_path: Path) -> None
 
 
 def test_a_start_without_feedback_tells_what_an_earlier_one_has_left(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("KOLLSMAN_STATE", str(tmp_path))
     link = "udpin:0.0.0.0:14550"
     assert MarkFile([link]).save(MARK)
-    with caplog.at_level(logging.WARNING):
-        feedback = start_feedback(FeedbackSettings(), link)
-    assert feedback.knob is None
-    assert "set feedback.mode to restore it" in caplog.text
+    told: list[str] = []
+    logger = logging.getLogger("kollsman.feedback")
+    monkeypatch.setattr(logger, "warning", lambda text, *values: told.append(text % values))
+    assert start_feedback(FeedbackSettings(), link).knob is None
+    (line,) = told
+    assert "set feedback.mode to restore it" in line
     assert start_feedback(FeedbackSettings(mode="baro-alt-offset"), link).mark == MARK

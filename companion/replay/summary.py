@@ -19,6 +19,7 @@ from companion.mavlink.codec import FrameReject
 from companion.replay.availability import at_rest, availability
 from companion.replay.findings import (
     Height,
+    Steady,
     before_origin,
     exclusions,
     own_altitude,
@@ -89,13 +90,7 @@ def summarise(
     last_us = int(ticks["time_us"][-1]) if ticks.size else 0
     settle_s = min(settle_s, 0.5 * (last_us - first_us) * 1e-6)  # a short session has half of it
     start_us = first_us + settle_s * 1e6
-
-    def steady(from_us: float, to_us: float) -> Height | None:
-        """The true height between two times, but for a constant."""
-        if reference.kind == "truth":
-            return reference.at
-        return np.zeros_like if at_rest(recording, from_us, to_us) else None
-
+    steady = _steady(recording, reference)
     height = steady(first_us, last_us)
     found: dict[str, Any] = {
         "session": number,
@@ -108,12 +103,7 @@ def summarise(
         "after_reboot": session.rebooted,
         "estimator": estimator,
         "settle_s": settle_s,
-        "health": {
-            "at_end": session.health,
-            "reason": session.reason,
-            "share": recording.health_shares(),
-            **availability(recording, ticks),
-        },
+        "health": _health(session, ticks),
         "at_rest": _moved(recording, start_us) if height is np.zeros_like else None,
         "unreadable": unreadable,
         "notes": session.notes,
@@ -133,6 +123,24 @@ def summarise(
     }
     found |= verdict(found)
     return found
+
+
+def _steady(recording: Recording, reference: Reference) -> Steady:
+    """The true height between two times, but for a constant: the truth, or that of a vehicle at
+    rest."""
+
+    def steady(from_us: float, to_us: float) -> Height | None:
+        if reference.kind == "truth":
+            return reference.at
+        return np.zeros_like if at_rest(recording, from_us, to_us) else None
+
+    return steady
+
+
+def _health(session: Session[Recording], ticks: Rows) -> dict[str, Any]:
+    shares = session.seen.health_shares()
+    found = {"at_end": session.health, "reason": session.reason, "share": shares}
+    return found | availability(session.seen, ticks)
 
 
 def _moved(recording: Recording, start_us: float) -> dict[str, Any]:

@@ -86,6 +86,8 @@ class HealthMonitor:
         them"""
         self._silenced = False
         """whether it is LOST only because the vehicle fell silent"""
+        self._back_us: int | None = None
+        """the host's clock when the vehicle was heard again after a silence"""
         self._shift_us = 0
         self._before_us: int | None = None
         """length of our own interruption, and time of the estimate from before it"""
@@ -109,6 +111,8 @@ class HealthMonitor:
 
     def alive(self, host_us: int) -> None:
         """A frame of the vehicle arrived."""
+        if self._alive_us is not None and host_us - self._alive_us > 0.5 * self._silent_us:
+            self._back_us = host_us
         self._alive_us = host_us
         if self._height_us is None:
             self._height_us = self._usable_us = host_us
@@ -134,13 +138,15 @@ class HealthMonitor:
         """
         if self._alive_us is None or self._height_us is None or self._usable_us is None:
             return False
-        silent_us = self._settings.silent_s * 1e6
+        silent_us = self._silent_us
         no_height = bool(self._needed) and host_us - self._height_us > silent_us
         if host_us - self._alive_us > (0.5 * silent_us if no_height else silent_us):
             heard = others()
-            self._silenced = self._silenced or self.health is not Health.LOST
+            self._silenced |= self.health is not Health.LOST
             return self.lose(f"vehicle silent, heard: {heard}" if heard else "nothing heard")
         if no_height:
+            is_back = self._back_us is not None and host_us - self._back_us < silent_us
+            self._silenced |= is_back and self.health is not Health.LOST
             return self.lose("vehicle heard, but no barometer and no GNSS")
         if not self._needed:
             return False
@@ -182,6 +188,10 @@ class HealthMonitor:
         if estimate_us != self._before_us:
             self._shift_us = 0
         return estimate_us + self._shift_us
+
+    @property
+    def _silent_us(self) -> float:
+        return self._settings.silent_s * 1e6
 
     @property
     def _recovery_us(self) -> float:

@@ -32,7 +32,7 @@ class VehicleClock:
     heard, or another session when the recorder's clock says that hours passed; backwards by more
     than `late_s` it is a reboot. Less is a late copy over a second path: it keeps its time. Only
     stamps that surely count from boot move the clock; the others may run ahead of them, but not
-    away. A stamp of 0, or in the wrong unit, is none.
+    away: after a gap they wait up to a second for one. A stamp of 0, or in the wrong unit, is none.
     """
 
     def __init__(self, settings: IntakeSettings) -> None:
@@ -62,6 +62,9 @@ class VehicleClock:
         self._bases: dict[int, str] = {}
         self._repeats: dict[int, tuple[int, int]] = {}
         self._skews: dict[int, Skew] = {}
+        self._ahead: dict[int, tuple[int, int]] = {}
+        """for each source the first stamp that was ahead of the clock, and the newest stamp from
+        boot then"""
 
     def place(self, reading: Reading, source: int, arrival_us: int = 0) -> tuple[Clockwork, int]:
         """What `reading`'s stamp does to the clock, and its time. `source` tells messages with own
@@ -77,7 +80,7 @@ class VehicleClock:
             return self.tick(self._unwrapped(reading.stamp_us), arrival_us)
         if self.now_us < 0:
             return Clockwork.DOUBT, -1
-        return Clockwork.TICK, self._mapped(reading.stamp_us, source)
+        return self._mapped(reading.stamp_us, source)
 
     def tick(self, time_us: int, arrival_us: int = 0) -> tuple[Clockwork, int]:
         """Take a boot time as heard."""
@@ -151,16 +154,16 @@ class VehicleClock:
             return stamp_us + (self._wraps - 1) * WRAP_MS * 1000
         return stamp_us + self._wraps * WRAP_MS * 1000
 
-    def _mapped(self, stamp_us: int, source: int) -> int:
+    def _mapped(self, stamp_us: int, source: int) -> tuple[Clockwork, int]:
         """A stamp that may count from boot, from 1970 or from anything, on the boot clock.
 
         The base that served this source last, even if the stamp is late; else the first under which
-        it is near the clock; else one learned from this stamp. A stamp that repeats stays where it
-        was: a dead GNSS receiver repeats its last fix.
+        it is near the clock; else one learned from this stamp, unless the stamp may follow a gap. A
+        stamp that repeats stays where it was: a dead GNSS receiver repeats its last fix.
         """
         last = self._repeats.get(source)
         if last is not None and last[0] == stamp_us:
-            return last[1]
+            return Clockwork.TICK, last[1]
         offsets = {"boot": 0, "unix": self._unix_offset_us, "own": self._offsets.get(source)}
         served = self._bases.get(source)
         for name in sorted(offsets, key=lambda name: name != served):
@@ -169,18 +172,30 @@ class VehicleClock:
             if offset_us is not None and self._is_near(stamp_us - offset_us, late_us, name):
                 break
         else:
+            if self._awaits_boot(stamp_us, offsets.get(served or ""), source):
+                return Clockwork.DOUBT, stamp_us
             name, offset_us = "own", stamp_us - self.now_us
             self._offsets[source] = offset_us
             self._skews.pop(source, None)
+        if source in self._ahead and self._ahead[source][1] != self._boot_us:
+            del self._ahead[source]
         self._bases[source] = name
         skew = self._skews.setdefault(source, Skew())
         time_us = skew.correct(stamp_us - (offset_us or 0), self.now_us, self._boot_us)
         self.now_us = max(self.now_us, time_us)
         self._repeats[source] = (stamp_us, time_us)
-        return time_us
+        return Clockwork.TICK, time_us
 
     def _is_near(self, time_us: int, late_us: int, base: str) -> bool:
         """Not later than `late_us` on the clock, and not so far ahead of the boot stamps that these
         would seem old."""
         ahead_us = self._reorder_us // 2 if base == "own" else self._reorder_us
         return self.now_us - late_us <= time_us <= self._boot_us + ahead_us
+
+    def _awaits_boot(self, stamp_us: int, offset_us: int | None, source: int) -> bool:
+        """Whether a stamp ahead of the clock, under the base that served, may follow a gap: a stamp
+        from boot is then awaited, for up to a second of the source's own stamps."""
+        if offset_us is None or stamp_us - offset_us <= self.now_us:
+            return False
+        first_us, boot_us = self._ahead.setdefault(source, (stamp_us, self._boot_us))
+        return self._boot_us == boot_us and 0 <= stamp_us - first_us < ALONE_US

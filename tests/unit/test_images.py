@@ -12,7 +12,8 @@ from packaging.requirements import Requirement
 
 from tests.paths import ROOT
 
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PROJECT = PYPROJECT["project"]
 BASE = PROJECT["dependencies"]
 EXTRAS = PROJECT["optional-dependencies"]
 LINE = re.compile(
@@ -91,3 +92,13 @@ def test_the_base_is_pinned_by_a_digest(tmp_path: Path) -> None:
         assert done.returncode == code, done.stderr
         if code == 0:
             assert bases(folder) == {f"{name}@{answer}"}
+
+
+def test_the_images_see_all_that_the_wheel_is_made_of() -> None:
+    lines = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
+    seen = {line.removeprefix("!") for line in lines if line.startswith("!")}
+    wheel = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]
+    needed_paths = [*wheel["packages"], *wheel["force-include"], PROJECT["readme"]]
+    needed_paths += PROJECT["license-files"]
+    for path in needed_paths:
+        assert path in seen or path.split("/")[0] in seen, path

@@ -47,6 +47,15 @@ SETTLING = 20
 RECORDS = ROOT / "out" / "endurance"
 FUZZED = RECORDS / "fuzz.json"
 PAGE = ROOT / "docs" / "endurance.md"
+INTRODUCTION = f"""Written by `python -m tests.endurance --page`, not by hand.
+
+The service on a serial line, disturbed again and again. Recovery is the time from the end of the
+disturbance until the vehicle hears two ALTITUDE again; wrong is more than {WRONG_M:g} m from the
+truth. Memory is the resident memory of service and test together. Each kind had processes of its
+own, all at the same time. A cycle begins as soon as ALTITUDE is back: an autopilot that restarts
+three seconds after its last start takes longer to be told from late copies of its messages
+(the largest of `reboot`).
+"""
 
 
 class Recovery(NamedTuple):
@@ -257,10 +266,7 @@ def write_page() -> None:
     rows = [f"| {name} | {runs} | {seconds} | 0 |" for name, (runs, seconds) in fuzzed.items()]
     fuzz = ["| target | inputs | seconds | findings |", "|---|---|---|---|", *rows]
     PAGE.write_text(
-        "# Endurance\n\nWritten by `python -m tests.endurance --page`, not by hand.\n\n"
-        "The service on a serial line, disturbed again and again. Recovery is the time from the "
-        "end of\nthe disturbance until the vehicle hears two ALTITUDE again; wrong is more than "
-        f"{WRONG_M:g} m from the truth.\n\n{table()}\n"
+        f"# Endurance\n\n{INTRODUCTION}\n{table()}\n"
         "## Fuzzing\n\nCoverage-guided (atheris), `python -m tests.fuzz all`.\n\n"
         + "\n".join(fuzz)
         + "\n",

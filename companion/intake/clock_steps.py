@@ -47,7 +47,7 @@ SOURCE = np.dtype(
         ("arrival_us", "i8"),
         ("windows", "i8"),
         ("offset_us", "i8"),  # of a base of its own
-        ("base", "i8"),
+        ("origin", "i8"),
         ("doubt_us", "i8"),  # the first stamp that was ahead of the clock; NONE_US before one
         ("doubt_boot_us", "i8"),  # and the newest stamp from boot then
         ("repeat_us", "i8"),  # the last stamp, and its time
@@ -99,7 +99,7 @@ def _forget(c: Rows) -> None:
     c[0].unix_us = NONE_US
     for i in range(SOURCES):
         s = c[0].sources[i]
-        s.offset_us, s.base, s.repeat_us, s.seconds = NONE_US, BY_NOTHING, NONE_US, 0
+        s.offset_us, s.origin, s.repeat_us, s.seconds = NONE_US, BY_NOTHING, NONE_US, 0
         s.doubt_us, s.doubt_boot_us = NONE_US, NONE_US
 
 
@@ -223,7 +223,7 @@ def _mapped(c: Rows, p: Rows, s: Record, stamp_us: int) -> tuple[int, int]:
     """
     if s.repeat_us == stamp_us:
         return TICK, s.repeat_time_us
-    served, base, time_us = s.base, BY_NOTHING, 0
+    served, base, time_us = s.origin, BY_NOTHING, 0
     for i in range(-1, 3):  # the base that served first, then the others
         name = served if i < 0 else i
         if name == BY_NOTHING or (i >= 0 and name == served) or base != BY_NOTHING:
@@ -242,7 +242,7 @@ def _mapped(c: Rows, p: Rows, s: Record, stamp_us: int) -> tuple[int, int]:
         s.offset_us, s.seconds = stamp_us - c[0].now_us, 0
     if s.doubt_boot_us != c[0].boot_us:
         s.doubt_us = NONE_US
-    s.base = base
+    s.origin = base
     time_us = _corrected(s, time_us, c[0].now_us, c[0].boot_us)
     c[0].now_us = max(c[0].now_us, time_us)
     s.repeat_us, s.repeat_time_us = stamp_us, time_us
@@ -261,9 +261,9 @@ def _offset_us(c: Rows, s: Record, base: int) -> int:
 def _awaits_boot(c: Rows, s: Record, stamp_us: int) -> bool:
     """Whether a stamp ahead of the clock, under the base that served, may follow a gap: a stamp
     from boot is then awaited, for up to a second of the source's own stamps."""
-    if s.base == BY_NOTHING:
+    if s.origin == BY_NOTHING:
         return False
-    offset_us = _offset_us(c, s, s.base)
+    offset_us = _offset_us(c, s, s.origin)
     if offset_us == NONE_US or stamp_us - offset_us <= c[0].now_us:
         return False
     if s.doubt_us == NONE_US:

@@ -86,9 +86,9 @@ def test_the_base_is_pinned_by_a_digest(tmp_path: Path) -> None:
     for answer, code in ((digest, 0), (digest[:-1] + "5", 0), ("no such image", 1)):
         skopeo.write_text(f"#!/bin/sh\necho '{answer}'\n", encoding="ascii")
         skopeo.chmod(0o755)
-        path = f"{tools}:/usr/bin:/bin"
+        search = f"{tools}:/usr/bin:/bin"
         command = ["bash", str(folder / "pin-base.sh")]
-        done = subprocess.run(command, env={"PATH": path}, capture_output=True, check=False)
+        done = subprocess.run(command, env={"PATH": search}, capture_output=True, check=False)
         assert done.returncode == code, done.stderr
         if code == 0:
             assert bases(folder) == {f"{name}@{answer}"}

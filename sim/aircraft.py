@@ -9,6 +9,7 @@ the air.
 
 import math
 from collections.abc import Callable
+from math import isfinite
 
 from companion.errors import SimulationError
 from sim import STEP_HZ
@@ -118,7 +119,6 @@ class Aircraft:
         )
         self._velocity = tuple(reader(f"velocities/v-{n}-fps") for n in ("north", "east", "down"))
         self._attitude = tuple(reader(f"attitude/{n}-rad") for n in ("phi", "theta", "psi"))
-        self._rates = tuple(reader(f"velocities/{axis}-rad_sec") for axis in "pqr")
         # The height that JSBSim's atmosphere uses: 3 cm from geodetic at 5 km.
         self._column_height = reader("position/h-sl-ft")
         self._air = tuple(reader(f"atmosphere/{n}") for n in ("P-psf", "T-R"))
@@ -127,8 +127,17 @@ class Aircraft:
         )
         self.angle_of_attack_rad = reader("aero/alpha-rad")
         self._fuel_lb = reader("propulsion/total-fuel-lbs") if engines else lambda: math.inf
-        self._airspeed_kt = reader("velocities/vc-kts")
         self._weight_on_wheels = reader("gear/wow")
+        rates = (reader(f"velocities/{axis}-rad_sec") for axis in "pqr")
+        self._state = (
+            *self._position,
+            *self._velocity,
+            *self._attitude,
+            *rates,
+            reader("velocities/vc-kts"),
+            self._weight_on_wheels,
+        )
+        """what `truth` reads, in its order"""
         self._stick = tuple(writer(f"fcs/{n}-cmd-norm") for n in ("elevator", "aileron", "rudder"))
         self._throttles = tuple(
             writer(f"fcs/throttle-cmd-norm[{number}]") for number in range(engines)
@@ -139,7 +148,7 @@ class Aircraft:
             writer(f"{'gear' if n == 'gear' else 'fcs'}/{n}-cmd-norm") for n in rarely
         )
         self._rare: tuple[float, ...] = ()
-        """values last written there, without the left brake, which equals the right one"""
+        """values last written there"""
         for number in range(engines):
             self._fdm[f"fcs/mixture-cmd-norm[{number}]"] = 1.0
         self._set_air = tuple(writer(f"atmosphere/{n}") for n in ("P-sl-psf", "delta-T"))
@@ -150,17 +159,21 @@ class Aircraft:
     def control(self, controls: Controls) -> None:
         """Set the controls. Those that change rarely are written only on a change: a write costs
         0.1 us."""
-        elevator, aileron, rudder, throttle, *others = controls
-        self._stick[0](-elevator)  # JSBSim's elevator is positive trailing edge down
-        self._stick[1](aileron)
-        self._stick[2](-rudder)  # and its rudder positive trailing edge left
+        elevator, aileron, rudder, throttle, brake, steering, flaps, gear, lift_dump = controls
+        write_elevator, write_aileron, write_rudder = self._stick
+        write_elevator(-elevator)  # JSBSim's elevator is positive trailing edge down
+        write_aileron(aileron)
+        write_rudder(-rudder)  # and its rudder positive trailing edge left
+        speedbrake = 0.0
+        if throttle < 0.0:
+            throttle, speedbrake = 0.0, -throttle
         for write in self._throttles:
-            self._throttle = max(throttle, 0.0)
-            write(self._throttle)
-        rare = (max(-throttle, 0.0), *others)
+            self._throttle = throttle
+            write(throttle)
+        rare = (brake, speedbrake, brake, steering, flaps, gear, lift_dump)
         if rare != self._rare:
             self._rare = rare
-            for write, value in zip(self._rarely, (controls.brake, *rare), strict=True):
+            for write, value in zip(self._rarely, rare, strict=True):
                 write(value)
 
     # Weather. It acts on the next step.
@@ -329,16 +342,14 @@ class Aircraft:
 
     def truth(self) -> Truth:
         """The present state. Raises `SimulationError` if it is not plausible."""
-        lat, lon, alt = self._position
-        north, east, down = self._velocity
-        roll, pitch, yaw = self._attitude
-        p, q, r = self._rates
+        lat, lon, alt, north, east, down, roll, pitch, yaw, p, q, r, airspeed, wow = self._state
         pressure_pa, temperature_k = self.air()
+        altitude_m = alt() * _FT
         truth = Truth(
             self._time_us,
             lat(),
             lon(),
-            alt() * _FT,
+            altitude_m,
             north() * _FT,
             east() * _FT,
             down() * _FT,
@@ -350,23 +361,21 @@ class Aircraft:
             r(),
             pressure_pa,
             temperature_k,
-            self._airspeed_kt() * _KT,
-            self._weight_on_wheels() > 0.5,
+            airspeed() * _KT,
+            wow() > 0.5,
         )
-        self._check(truth)
+        height_m = altitude_m - self._ground_m
+        if not (height_m > self._rest_height_m + 1.0 and isfinite(sum(truth))):
+            self._check(truth, height_m)
         return truth
 
-    def _check(self, truth: Truth) -> None:
-        if not math.isfinite(sum(truth)):
-            bad = ", ".join(
-                name for name, value in truth._asdict().items() if not math.isfinite(value)
-            )
+    def _check(self, truth: Truth, height_m: float) -> None:
+        """Raise `SimulationError` for a state that is not finite, or a crash."""
+        if not isfinite(sum(truth)):
+            bad = ", ".join(name for name, value in truth._asdict().items() if not isfinite(value))
             raise SimulationError(
                 f"at {truth.time_us / 1e6:.2f} s the flight dynamics diverged: {bad} not finite"
             )
-        height_m = truth.altitude_amsl_m - self._ground_m
-        if height_m > self._rest_height_m + 1.0:
-            return
         if height_m < _BURIED * self._rest_height_m:
             fate = "is below the ground"
         elif truth.down_mps > _CRASH_MPS:

@@ -9,9 +9,11 @@ has a DEBUG_FLOAT_ARRAY, `TRUE_AIR`, which goes to logs and to who asks.
 """
 
 import math
+import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from math import cos, sin
 
 from companion.mavlink.codec import mavlink
 from sim import BOOT_UNIX_US
@@ -31,6 +33,8 @@ _DISARMED, _ARMED = (81, 0, 3), (217, 10, 4)
 """base_mode, custom_mode, system_status: MANUAL in standby, AUTO armed and active, as ArduPlane 4.7
 sends them"""
 _UNKNOWN_U16 = 65535
+_MG = 1000.0 / G0_MPS2
+"""milli-g in one m/s2"""
 _MOTION_SENSORS: int = (
     mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
     | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL
@@ -120,23 +124,17 @@ def raw_imu(state: State) -> bytes | None:
     sample, truth = state.imu, state.truth
     if sample is None or truth is None:
         return None
-    force, rate = sample.specific_force_b_mps2, sample.angular_rate_b_radps
-    to_mg = 1000.0 / G0_MPS2
-    mag = field_b_mgauss(truth)
-    return _RAW_IMU.wire(
-        state.time_us,
-        int16(force[0] * to_mg),
-        int16(force[1] * to_mg),
-        int16(force[2] * to_mg),
-        int16(rate[0] * 1000.0),
-        int16(rate[1] * 1000.0),
-        int16(rate[2] * 1000.0),
-        int(mag[0]),
-        int(mag[1]),
-        int(mag[2]),
-        0,
-        sample.die_temperature_cdegc,
-    )
+    _, (x, y, z), (p, q, r), die_cdegc = sample
+    x, y, z, p, q, r = x * _MG, y * _MG, z * _MG, p * 1000.0, q * 1000.0, r * 1000.0
+    ahead, right, below = field_b_mgauss(truth)
+    mag = int(ahead), int(right), int(below)
+    try:
+        return _RAW_IMU.wire(
+            state.time_us, int(x), int(y), int(z), int(p), int(q), int(r), *mag, 0, die_cdegc
+        )
+    except (struct.error, OverflowError):  # beyond the range of the fields
+        values = map(int16, (x, y, z, p, q, r))
+        return _RAW_IMU.wire(state.time_us, *values, *mag, 0, die_cdegc)
 
 
 def sim_state(state: State) -> bytes | None:
@@ -145,10 +143,10 @@ def sim_state(state: State) -> bytes | None:
     truth, motion = state.truth, state.motion
     if truth is None or motion is None:
         return None
-    roll, pitch, yaw = truth.roll_rad, truth.pitch_rad, truth.yaw_rad
-    cr, sr = math.cos(roll / 2), math.sin(roll / 2)
-    cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
-    cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
+    _, latitude_deg, longitude_deg, altitude_m, north, east, down, roll, pitch, yaw, *_ = truth
+    cr, sr = cos(roll / 2), sin(roll / 2)
+    cp, sp = cos(pitch / 2), sin(pitch / 2)
+    cy, sy = cos(yaw / 2), sin(yaw / 2)
     return _SIM_STATE.wire(
         cr * cp * cy + sr * sp * sy,
         sr * cp * cy - cr * sp * sy,
@@ -159,16 +157,16 @@ def sim_state(state: State) -> bytes | None:
         math.remainder(yaw, math.tau),
         *motion.specific_force_b_mps2,
         *motion.angular_rate_b_radps,
-        truth.latitude_deg,
-        truth.longitude_deg,
-        truth.altitude_amsl_m,
+        latitude_deg,
+        longitude_deg,
+        altitude_m,
         0.0,
         0.0,
-        truth.north_mps,
-        truth.east_mps,
-        truth.down_mps,
-        round(truth.latitude_deg * 1e7),
-        round(truth.longitude_deg * 1e7),
+        north,
+        east,
+        down,
+        round(latitude_deg * 1e7),
+        round(longitude_deg * 1e7),
     )
 
 
@@ -391,4 +389,5 @@ _TABLE = (
 )
 
 TELEMETRY: Mapping[int, Telemetry] = {row.packer.message_id: row for row in _TABLE}
+HYGROMETER_ID = _HYGROMETER_SENSOR.message_id
 NAMES: Mapping[str, int] = {row.packer.name: row.packer.message_id for row in _TABLE}

@@ -106,6 +106,8 @@ class OwnEstimate:
         if fix.fix_type < 3:
             return False
         self._fix = fix
+        self._per_degree_m = EARTH_M_PER_DEG * math.cos(math.radians(fix.latitude_deg))
+        """length of a degree of longitude at the fix"""
         if self._first_fix_us is None:
             self._first_fix_us = fix.stamp_us
         ready = fix.stamp_us - self._first_fix_us >= ORIGIN_DELAY_S * 1e6
@@ -118,15 +120,15 @@ class OwnEstimate:
         fix, offset_m = self._fix, self._origin_offset_m
         if fix is None or offset_m is None:
             return None
-        age_s = (time_us - fix.measured_us) * 1e-6
-        per_degree_m = EARTH_M_PER_DEG * math.cos(math.radians(fix.latitude_deg))
+        age_s, north_mps, east_mps = (time_us - fix.measured_us) * 1e-6, fix.north_mps, fix.east_mps
+        climb_mps = self._climb_mps
         return Position(
-            fix.latitude_deg + fix.north_mps * age_s / EARTH_M_PER_DEG,
-            fix.longitude_deg + fix.east_mps * age_s / per_degree_m,
-            self._height_m + self._climb_mps * (time_us - self._pressure_us) * 1e-6 + offset_m,
-            fix.north_mps,
-            fix.east_mps,
-            self._climb_mps,
+            fix.latitude_deg + north_mps * age_s / EARTH_M_PER_DEG,
+            fix.longitude_deg + east_mps * age_s / self._per_degree_m,
+            self._height_m + climb_mps * (time_us - self._pressure_us) * 1e-6 + offset_m,
+            north_mps,
+            east_mps,
+            climb_mps,
         )
 
     def attitude(self, truth: Truth) -> tuple[float, float, float]:

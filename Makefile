@@ -16,7 +16,10 @@ help:            ## what can be made
 demo: $(VENV)/.sim      ## fly through a front with the companion listening (extra `sim`; under two minutes)
 	$(BIN)/kollsman-sim demo
 
-test: lint              ## lint, types, import rules and the default tests (extras `sim`, `dev`)
+# The estimators are compiled while the rules are checked: otherwise each test process would compile them for itself.
+test: $(VENV)/.dev      ## lint, types, import rules and the default tests (extras `sim`, `dev`)
+	@$(BIN)/kollsman warm-up --all & warming=$$!; \
+	  $(MAKE) --no-print-directory lint || { kill $$warming; exit 1; }; wait $$warming
 	$(BIN)/python -m pytest -q -n 3 $(RETRY)
 
 test-slow: $(VENV)/.dev ## end-to-end and Monte-Carlo tests

@@ -119,16 +119,28 @@ def estimators() -> None:
 
 
 @app.command(name="warm-up")
-def warm_up_command() -> None:
+def warm_up_command(
+    everything: Annotated[
+        bool,
+        typer.Option(
+            "--all",
+            help="Every estimator and the loops over whole logs, as compare and batch use them.",
+        ),
+    ] = False,
+) -> None:
     """Compile everything now, so that the next start is quick (container images do this when
     built)."""
+    from companion.estimators import ESTIMATORS
     from companion.settings import load_settings
     from companion.terminal import starting
+    from companion.warmup import warm_up_loop
 
     started_s = time.perf_counter()
     with starting(Output(2)) as shown:
         settings = load_settings()
-        compile_for(settings, [settings.estimator], shown)
+        compile_for(settings, ESTIMATORS if everything else [settings.estimator], shown)
+        for method in ESTIMATORS.values() if everything else ():
+            warm_up_loop(method)
     print(f"compiled in {time.perf_counter() - started_s:.1f} s")
 
 

@@ -88,6 +88,19 @@ def resolve_settings(
     return settings.with_assignments(changes or [])
 
 
+def read_speed(text: str) -> float | None:
+    """A factor of real time; None is as fast as possible. Raises ValueError."""
+    if text == "max":
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0.01 <= value <= 1000.0:
+        raise ValueError(f"{text!r} is not valid: give max, or a number from 0.01 to 1000")
+    return value
+
+
 def version_option(program: str) -> Any:
     """The option ``--version`` of a program."""
 

@@ -198,17 +198,11 @@ def _live_page(
     what to call after each turn of its loop."""
     if settings.address is None:
         return None
-    from companion.web.board import Board
-    from companion.web.server import WebServer
-    from companion.web.settings import read_address
+    from companion.web.server import serve
     from companion.web.snapshot import Snapshots
 
-    board, address = Board(), read_address(settings.address)
-    server = WebServer(address, board, settings.hosts)
-    stack.callback(server.close)
-    server.start()
-    reach = "" if address.is_loopback else "; every machine that reaches this one can read it"
-    telling.event("http", f"live page: {server.url}{reach}", url=server.url)
+    board, server = serve(settings.address, settings, stack)
+    telling.event("http", server.told, url=server.url)
     return lambda service: Snapshots(service, board).poll
 
 

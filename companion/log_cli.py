@@ -17,9 +17,11 @@ from companion.common_cli import (
     resolve_settings,
 )
 from companion.errors import ConfigError, LogFormatError
+from companion.play_cli import LogHttpOption, LogSpeedOption, log_page
 from companion.report_cli import show
 
 if TYPE_CHECKING:
+    from companion.play_cli import LogPage
     from companion.replay.expect import Outcome
     from companion.replay.run import Replayed
     from companion.settings import CompanionSettings
@@ -30,6 +32,7 @@ Examples:
   kollsman replay flight.BIN --csv altitude.csv             (or OUT.parquet)
   kollsman replay flight.ulg --out with-altitude.tlog       (then open it in MAVExplorer)
   kollsman replay flight.BIN --report flight.html           (open it in a browser)
+  kollsman replay flight.tlog --http 8080 --speed 20        (the live page, 20 times as fast)
   kollsman replay flight.tlog --json | jq '.sessions[0].sources'
   kollsman replay sitl.tlog --expect 'max<10' --expect 'nees<2' --junit result.xml
 """
@@ -124,9 +127,11 @@ def replay(
     settle: SettleOption = 60.0,
     expect: ExpectOption = None,
     junit: JunitOption = None,
+    http: LogHttpOption = None,
+    speed: LogSpeedOption = "1",
 ) -> None:
     """Run logs through the same code as live, and report each session."""
-    _refuse_outputs(logs, out, csv, report)
+    _refuse_outputs(logs, out, csv, report, http)
     settings = resolve_settings(config, estimator, changes)
     from companion.replay import expect as expecting
 
@@ -134,35 +139,36 @@ def replay(
     compile_first(settings, settings.estimator)
     reports, outcomes = [], []
     pages: list[Path] = []
-    for log in logs:
-        found = _replay_one(log, settings, settle, csv, out, smoothing=smooth)
-        if report:
-            from companion.replay.reports import write_reports
+    with log_page(http, speed, settings) as live:
+        for log in logs:
+            found = _replay_one(log, settings, settle, csv, out, live, smoothing=smooth)
+            if report:
+                from companion.replay.reports import write_reports
 
-            pages = write_reports(found, report, log.name)
-        for session in found.report["sessions"]:
-            where = f"{log.name} session {session['session']}"
-            outcomes += expecting.hold(where, expectations, session["sources"].get("estimate"))
-        reports.append(found.report)
-        if not as_json:
-            show(found.report)
-    if as_json:
-        print(json.dumps(reports[0] if len(reports) == 1 else reports, indent=2))
-    else:
-        for path in filter(None, (csv, out, *pages)):
-            print(f"wrote {path}")
+                pages = write_reports(found, report, log.name)
+            outcomes += expecting.hold_all(log.name, expectations, found.report)
+            reports.append(found.report)
+            if not as_json:
+                show(found.report)
+        if as_json:
+            print(json.dumps(reports[0] if len(reports) == 1 else reports, indent=2))
+        else:
+            for path in filter(None, (csv, out, *pages)):
+                print(f"wrote {path}")
+        if live:
+            live.stay()
     conclude("kollsman replay", outcomes, junit)
 
 
 def _refuse_outputs(
-    logs: list[Path], out: Path | None, csv: Path | None, report: Path | None
+    logs: list[Path], out: Path | None, csv: Path | None, report: Path | None, http: str | None
 ) -> None:
     """Refuse what cannot be written, before a log is read."""
     for log in logs:
         refuse_same(log, out, csv, report)
-    if len(logs) > 1 and (out or csv or report):
+    if len(logs) > 1 and (out or csv or report or http):
         raise ConfigError(
-            "--csv, --out and --report take one log; name one, or use `kollsman batch`"
+            "--csv, --out, --report and --http take one log; name one, or use `kollsman batch`"
         )
     if report:
         from companion.replay.reports import check
@@ -176,24 +182,29 @@ def _replay_one(
     settle_s: float,
     csv: Path | None,
     out: Path | None,
+    live: "LogPage | None",
     *,
     smoothing: bool,
 ) -> "Replayed":
-    """Replay a log, and write the tables and the log that were asked for."""
+    """Replay a log, show it where a live page is wanted, and write the tables and the log that were
+    asked for."""
     from companion.logs.tlog import TlogWriter
+    from companion.replay.record import Recording
     from companion.replay.run import replay as replay_log
     from companion.replay.table import write
 
     with ExitStack() as stack:
         writer = stack.enter_context(TlogWriter(out)) if out else None
         advance = stack.enter_context(bar(log.name, 1.0))
+        player = live.player(log, writer) if live else None
         found = replay_log(
             log,
             settings,
             settle_s=settle_s,
             smoothing=smoothing,
-            writer=writer,
+            writer=player or writer,
             on_progress=advance,
+            observe=player.observe if player else Recording,
         )
     if csv:
         write(csv, found.tables())
@@ -276,13 +287,7 @@ def hold_log(name: str, log: Path, texts: list[str], junit: Path | None) -> None
     from companion.replay import expect as expecting
     from companion.replay.run import replay as replay_log
 
-    expectations = expecting.parse(texts)
-    outcomes = []
-    for session in replay_log(log).report["sessions"]:
-        figures = session["sources"].get("estimate")
-        outcomes += expecting.hold(
-            f"{log.name} session {session['session']}", expectations, figures
-        )
+    outcomes = expecting.hold_all(log.name, expecting.parse(texts), replay_log(log).report)
     for each in outcomes:
         print(each)
     conclude(name, outcomes, junit)

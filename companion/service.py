@@ -29,7 +29,7 @@ from companion.observer import Observer
 from companion.pipeline import Pipeline
 from companion.samples import Kind, Packet
 from companion.settings import CompanionSettings
-from companion.status import Status, Text
+from companion.status import KEPT_TEXTS, Status, Text
 from companion.streaming import Streaming
 from companion.timesync import TimeSync
 
@@ -42,7 +42,6 @@ HEARTBEAT_US = 1_000_000
 NOTICE_US = 5_000_000
 STATUS_US = 1_000_000
 FOREIGN_HEARTBEATS = 2
-KEPT_TEXTS = 30
 STATUSTEXT: int = mavlink.MAVLINK_MSG_ID_STATUSTEXT
 SESSION_US = 60_000_000
 """Our own frames are recorded this long after the last that was heard."""
@@ -310,9 +309,7 @@ class Service:
             self._recorder = None
 
     def _keep_text(self, who: str, message: Message) -> None:
-        self.texts.append(
-            Text(self.clock.now_us(), who, int(message.severity), str(message.text).rstrip("\0"))
-        )
+        self.texts.append(Text.of(message, who, self.clock.now_us()))
 
     def _time_asked(self, message: Message) -> None:
         """The vehicle compares its clock with ours, or answers our request."""

@@ -2,9 +2,13 @@
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 from companion.health import Health
+from companion.mavlink.codec import Message
+
+KEPT_TEXTS = 30
+"""STATUSTEXT of the vehicle and of ours that are shown"""
 
 
 @dataclass(frozen=True)
@@ -41,3 +45,8 @@ class Text(NamedTuple):
     severity: int
     """MAV_SEVERITY"""
     text: str
+
+    @classmethod
+    def of(cls, message: Message, who: str, time_us: int) -> Self:
+        """What a STATUSTEXT says."""
+        return cls(time_us, who, int(message.severity), str(message.text).rstrip("\0"))

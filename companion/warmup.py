@@ -4,9 +4,11 @@ pipeline."""
 import logging
 import math
 
+from companion.estimators import run_log
+from companion.estimators.method import Method
 from companion.mavlink.codec import Encoder, mavlink
 from companion.pipeline import Pipeline
-from companion.samples import Packet
+from companion.samples import Packet, SampleLog
 from companion.settings import CompanionSettings
 
 COMPILING = "compiling the estimators, once after an installation or an update"
@@ -36,3 +38,8 @@ def warm_up(settings: CompanionSettings) -> None:
     logging.getLogger("kollsman").setLevel(logging.NOTSET)
     if not math.isfinite(float(pipeline.estimate["altitude_amsl_m"][0])):
         raise AssertionError("the warm-up did not reach an estimate")
+
+
+def warm_up_loop(method: Method) -> None:
+    """Compile the loop of an estimator over a whole log."""
+    run_log(method, SampleLog())

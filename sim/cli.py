@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from companion.common_cli import Commands, version_option
+from companion.common_cli import Commands, read_speed, version_option
 from companion.errors import KollsmanError
 from companion.log_cli import ExpectOption, JunitOption, hold_log
 from sim.flight_cli import DemoTable, print_summary, run_with_progress
@@ -74,15 +74,10 @@ def _usage(message: str) -> typer.Exit:
 
 def _speed(text: str) -> float | None:
     """A factor of real time; None is as fast as possible."""
-    if text == "max":
-        return None
     try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not 0.01 <= value <= 1000.0:
-        raise _usage(f"--speed '{text}' is not valid: give max, or a number from 0.01 to 1000")
-    return value
+        return read_speed(text)
+    except ValueError as error:
+        raise _usage(f"--speed {error}") from None
 
 
 _ScenarioArgument = Annotated[
@@ -193,6 +188,13 @@ def demo(
     out: Annotated[
         Path, typer.Option(help="Folder for the log and the plot.", metavar="DIR")
     ] = Path("out/demo"),
+    http: Annotated[
+        str | None,
+        typer.Option(
+            help="Serve the companion's live page there during the flight, such as 8080.",
+            metavar="HOST:PORT",
+        ),
+    ] = None,
 ) -> None:
     """Fly a scenario with simulator and companion as two processes over UDP, and compare the
     altitudes."""
@@ -204,7 +206,10 @@ def demo(
         "its ALTITUDE",
         flush=True,
     )
-    tlog = show.fly(scenario, pace, out, DemoTable().show, lambda text: print(text, flush=True))
+    options = ["--http", http] if http else []
+    tlog = show.fly(
+        scenario, pace, out, DemoTable().show, lambda text: print(text, flush=True), options
+    )
     collector = show.judge(tlog)
     print(
         f"\n{'against truth, after the first minute (m)':42s}"

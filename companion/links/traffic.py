@@ -8,6 +8,7 @@ from functools import cache
 
 from companion.mavlink.codec import Frame, mavlink
 from companion.mavlink.framing import V1_HEADER, V2_HEADER
+from companion.mavlink.radio import RADIOS, Radio, radio_of
 
 MOST_SENDERS = 64
 LATEST = 128
@@ -58,6 +59,8 @@ class Traffic:
 
     def __init__(self) -> None:
         self.senders: dict[tuple[int, int], Sender] = {}
+        self.radio: tuple[Radio, int] | None = None
+        """the newest report of a telemetry radio, and when it arrived on the host's clock"""
 
     def take(self, frames: Iterable[Frame], now_us: int) -> None:
         """Count frames that arrived together."""
@@ -69,6 +72,9 @@ class Traffic:
                     continue
                 sender = self.senders[ids] = Sender()
             sender.take(frame, now_us)
+            if frame.message_id in RADIOS:
+                radio = radio_of(frame)
+                self.radio = (radio, now_us) if radio is not None else self.radio
 
     def as_dict(self) -> dict[str, dict[str, float]]:
         """For reports: ``"1/1": {frames, lost, jitter_s}``."""

@@ -33,7 +33,11 @@ def resolution(column: str) -> float:
 
 def pack(tables: Mapping[str, Mapping[str, NDArray[Any]]]) -> dict[str, Any]:
     """``columns`` (table, column, count, resolution each) and ``data``, base64 of the deflated
-    int32 differences, their four bytes apart. Columns without a known value are left out."""
+    differences, their four bytes apart. Columns without a known value are left out.
+
+    Differences 0, -1, 1, -2 ... are 0, 1, 2, 3 ...: the upper bytes of small ones are 0, which
+    halves the text.
+    """
     columns, parts = [], []
     for table, found in tables.items():
         for column, values in found.items():
@@ -53,7 +57,9 @@ def unpack(packed: Mapping[str, Any]) -> dict[str, dict[str, NDArray[np.float64]
     tables: dict[str, dict[str, NDArray[np.float64]]] = {}
     at = 0
     for table, column, count, step in packed["columns"]:
-        whole = np.cumsum(numbers[at : at + count], dtype=np.uint32).view(np.int32)
+        folded = numbers[at : at + count]
+        differences = (folded >> 1) ^ -(folded & 1)
+        whole = np.cumsum(differences, dtype=np.uint32).view(np.int32)
         values = np.where(whole == UNKNOWN, np.nan, whole * step)
         tables.setdefault(table, {})[column] = values
         at += count
@@ -61,8 +67,9 @@ def unpack(packed: Mapping[str, Any]) -> dict[str, dict[str, NDArray[np.float64]
 
 
 def _differences(values: NDArray[Any], step: float) -> NDArray[np.uint32]:
-    """Of neighbours, modulo 2^32; the first stands as it is."""
+    """Of neighbours, modulo 2^32, the sign in the lowest bit; the first stands as it is."""
     known = np.isfinite(values)
     whole = np.clip(np.rint(np.where(known, values, 0.0) / step), UNKNOWN + 1, -UNKNOWN - 1)
     numbers = np.where(known, whole, UNKNOWN).astype(np.int32).view(np.uint32)
-    return np.diff(numbers, prepend=np.uint32(0))
+    differences = np.diff(numbers, prepend=np.uint32(0)).view(np.int32)
+    return ((differences << 1) ^ (differences >> 31)).view(np.uint32)

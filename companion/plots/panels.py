@@ -208,4 +208,14 @@ LINK = (
         "Frames of the vehicle that are missing by sequence number, in each second.",
         (Line("link", "lost_percent", _plain("lost frames", BARO)),), at_least=2.0, lowest=0.0,
     ),
+    Panel(
+        "radio", "Signal of the telemetry radio", "",
+        "Signal and noise at both radios as RADIO_STATUS reports them, in units of the radio. For "
+        "SiK radios 1.9 units are 1 dB. A signal less than 20 units above the noise loses frames.",
+        (Line("radio", "noise", _plain("noise", GNSS, 1.5, 1.5)),
+         Line("radio", "remote_noise", _plain("noise at the other radio", INERTIAL, 1.5, 1.5)),
+         Line("radio", "remote_rssi", _plain("signal at the other radio", OTHER, 6, 2)),
+         Line("radio", "rssi", _plain("signal", BARO))),
+        digits=0, lowest=0.0,
+    ),
 )  # fmt: skip

@@ -47,7 +47,7 @@ class Curves:
 
     duration_s: float
     tables: dict[str, Columns]
-    """"estimate", "baro", "gnss", "autopilot", "reference", "rates", "link", "track\""""
+    """"estimate", "baro", "gnss", "autopilot", "reference", "rates", "link", "radio", "track\""""
     spans: dict[str, list[Span]]
     """row of the time line -> its states in order of time"""
     texts: list[tuple[float, str]] = field(default_factory=list)
@@ -75,7 +75,10 @@ def curves_of(session: Session[Recording], reference: Reference) -> Curves:
         "track": _track(recording, reference),
     }
     tables = {name: _since(columns, start_us, duration_s) for name, columns in found.items()}
-    tables["link"] = _since(_link(session, ticks), start_us, duration_s)
+    offset_us = float(np.median(_floats(ticks["arrival_us"]) - _floats(ticks["time_us"])))
+    for name, columns in (("link", _link(session)), ("radio", _radio(session))):
+        on_vehicle = columns | {"us": columns["us"] - offset_us}
+        tables[name] = _since(on_vehicle, start_us, duration_s)
     return Curves(
         duration_s,
         {name: columns for name, columns in tables.items() if columns["t"].size},
@@ -184,20 +187,29 @@ def _rates(recording: Recording) -> Columns:
     return {"us": us} | counts
 
 
-def _link(session: Session[Recording], ticks: Rows) -> Columns:
+def _link(session: Session[Recording]) -> Columns:
     """Frames that arrived and the share that is lost, each second of the log's clock."""
     counts = session.link.of(session.vehicle)
-    offset_us = np.median(_floats(ticks["arrival_us"]) - _floats(ticks["time_us"]))
     if len(counts) < 3:
         return {"us": np.zeros(0)}
     seconds, frames, lost = (np.array(each, np.float64) for each in zip(*counts, strict=True))
     with np.errstate(invalid="ignore", divide="ignore"):
         share = 100.0 * lost / (frames + lost)
     return {
-        "us": seconds * 1e6 + 5e5 - offset_us,
+        "us": seconds * 1e6 + 5e5,
         "frames": frames,
         "lost_percent": share,
     }
+
+
+def _radio(session: Session[Recording]) -> Columns:
+    """What the telemetry radio reported, on the log's clock; NaN where it did not know."""
+    names = ("rssi", "remote_rssi", "noise", "remote_noise")
+    found = [
+        (time_us, *(getattr(radio, n) for n in names)) for time_us, radio in session.link.radio
+    ]
+    values = np.array(found, np.float64).reshape(-1, 1 + len(names))
+    return dict(zip(("us", *names), values.T, strict=True))
 
 
 def _track(recording: Recording, reference: Reference) -> Columns:

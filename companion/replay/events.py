@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from companion.mavlink.codec import Frame, Message, mavlink
+from companion.mavlink.radio import RADIOS, Radio, radio_of
 
 if TYPE_CHECKING:
     from companion.pipeline import Pipeline
@@ -71,11 +72,13 @@ def mode_name(heartbeat: Message) -> str:
 
 class LinkQuality:
     """Frames of each sender that arrived, and that are missing by sequence number, in each second
-    of the log's clock."""
+    of the log's clock; what the telemetry radio reports."""
 
     def __init__(self) -> None:
         self._seconds: dict[tuple[int, int], dict[int, list[int]]] = {}
         self._sequence: dict[tuple[int, int], int] = {}
+        self.radio: list[tuple[int, Radio]] = []
+        """(time_us of the log's clock, report)"""
 
     def take(self, time_us: int, frame: Frame) -> None:
         """Count a frame; `time_us` is when it arrived."""
@@ -86,6 +89,8 @@ class LinkQuality:
         counts = self._seconds.setdefault(sender, {}).setdefault(time_us // 1_000_000, [0, 0])
         counts[0] += 1
         counts[1] += gap if gap < LATEST else 0
+        if frame.message_id in RADIOS and (radio := radio_of(frame)) is not None:
+            self.radio.append((time_us, radio))
 
     def of(self, sender: tuple[int, int] | None) -> list[tuple[int, int, int]]:
         """(second of the log's clock, frames, lost frames) of a system and component."""

@@ -101,6 +101,21 @@ def hold(
     return outcomes
 
 
+def hold_all(
+    name: str, expectations: Sequence[Expectation], report: Mapping[str, Any]
+) -> list[Outcome]:
+    """Every expectation against the estimate of every session of a report."""
+    return [
+        outcome
+        for session in report["sessions"]
+        for outcome in hold(
+            f"{name} session {session['session']}",
+            expectations,
+            session["sources"].get("estimate"),
+        )
+    ]
+
+
 def write_junit(path: Path, name: str, outcomes: Sequence[Outcome]) -> None:
     """The outcomes as a JUnit file, a test case each. Raises `ConfigError` when it cannot be
     written."""

@@ -55,6 +55,7 @@ def replay(
     smoothing: bool = False,
     writer: Writer | None = None,
     on_progress: Callable[[float], None] | None = None,
+    observe: Callable[[Pipeline], Recording] = Recording,
 ) -> Replayed:
     """Run the log at `path` through the same code as live.
 
@@ -63,6 +64,7 @@ def replay(
     smoothing : also smooth sessions that have truth (without truth the smoother is the reference).
     writer : gets the log's frames with ours between them.
     on_progress : called with the share of the file that is read.
+    observe : makes the recording of each session.
 
     Raises `LogFormatError` when the log is unreadable or holds nothing usable.
     """
@@ -73,9 +75,7 @@ def replay(
     def make(changed: CompanionSettings, observer: Observer) -> Pipeline:
         return Pipeline(changed, datagrams=True, observer=observer, sends=writer is not None)
 
-    sessions = sessions_of(
-        reader, settings, Recording, make, writer=writer, on_progress=on_progress
-    )
+    sessions = sessions_of(reader, settings, observe, make, writer=writer, on_progress=on_progress)
     if isinstance(reader, TableReader):
         for session in sessions:
             session.seen.events.recorded(reader.tables.modes, reader.tables.texts)

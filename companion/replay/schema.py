@@ -13,6 +13,19 @@ import numpy as np
 from companion import __version__
 
 VERSION = "kollsman-report/1"
+SESSION_KEYS = (
+    "session", "vehicle", "autopilot", "start_utc", "start_vehicle_utc", "start_boot_s",
+    "duration_s", "after_reboot", "estimator", "settle_s", "health", "notes", "samples",
+    "left_out", "suspect", "altitude", "exclusions", "suspicions", "parting", "gnss", "barometer",
+    "own_altitude", "reference", "sources", "wrong", "score_m", "findings", "verdict",
+)  # fmt: skip
+"""of a session of replay, batch and the live state"""
+ALTITUDE_KEYS = (
+    "estimates", "published", "first_m", "last_m", "min_m", "max_m", "median_sd_m",
+    "median_level_m", "max_climb_mps", "max_sink_mps", "above_takeoff_last_m", "qnh_hpa",
+    "qnh_sd_hpa", "baro_offset_m",
+)  # fmt: skip
+"""of ``altitude`` in it"""
 
 
 def document(command: str, log: str, sessions: Sequence[dict[str, Any]], **more: Any) -> Any:

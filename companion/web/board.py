@@ -9,7 +9,6 @@ import json
 import time
 from collections import deque
 from collections.abc import Callable
-from itertools import islice
 from typing import Any, NamedTuple
 
 HISTORY_S = 600.0
@@ -53,15 +52,32 @@ class Board:
         self._clock_s = clock_s
         self._slot: tuple[Snapshot, float] | None = None
         self._shown: tuple[Snapshot, float] | None = None
-        self._rows: deque[str] = deque(maxlen=round(HISTORY_S / ROW_S))
+        self._rows: deque[tuple[float | None, ...]] = deque(maxlen=round(HISTORY_S / ROW_S))
         self._row_due_s = 0.0
         self._encoded = "null"
+        self.has_ended = False
+        """whether a log that was shown has ended; what is shown stays right"""
         self.number = 0
         """of the snapshot that `event` holds"""
 
     def put(self, snapshot: Snapshot) -> None:
-        """Replace the newest snapshot. The estimator's thread: never waits."""
+        """Replace the newest snapshot, and keep its row where one is due by the time in it. The
+        estimator's thread: never waits."""
         self._slot = (snapshot, self._clock_s())
+        time_s = snapshot.row[0] or 0.0
+        if time_s < self._row_due_s - HISTORY_S:  # a log of several days that is out of order
+            self._rows.clear()
+            self._row_due_s = time_s
+        if time_s >= self._row_due_s:
+            on_grid = time_s < self._row_due_s + ROW_S
+            self._row_due_s = (self._row_due_s if on_grid else time_s) + ROW_S
+            self._rows.append(snapshot.row)
+
+    def end(self) -> None:
+        """A log has ended: its last snapshot stays."""
+        self.has_ended = True
+        if self._slot is not None:
+            self._slot = (self._slot[0], self._clock_s())
 
     @property
     def newest(self) -> Snapshot | None:
@@ -78,7 +94,7 @@ class Board:
     @property
     def is_stalled(self) -> bool:
         """Whether the estimator's thread has not put a snapshot for `STALLED_S`."""
-        return self.age_s > STALLED_S
+        return self.age_s > STALLED_S and not self.has_ended
 
     def refresh(self) -> bool:
         """Take what is new into the event and the history; whether anything was. The server's
@@ -88,10 +104,6 @@ class Board:
             return False
         self._shown = slot
         row = json.dumps(slot[0].row, separators=(",", ":"))
-        if slot[1] >= self._row_due_s:
-            on_grid = slot[1] < self._row_due_s + ROW_S
-            self._row_due_s = (self._row_due_s if on_grid else slot[1]) + ROW_S
-            self._rows.append(row)
         state = json.dumps(slot[0].document, separators=(",", ":"), ensure_ascii=False)
         self._encoded = f'"row":{row},"state":{state}'
         self.number += 1
@@ -101,6 +113,7 @@ class Board:
         """The newest snapshot as a server-sent event: age_s; row and state once there are any."""
         age_s = self.age_s
         head = f'{{"age_s":{age_s:.2f}' if self._shown is not None else '{"age_s":null'
+        head += ',"ended":true' if self.has_ended else ""
         body = f",{self._encoded}" if self._shown is not None else ""
         return f"data: {head}{body}}}\n\n".encode()
 
@@ -111,5 +124,6 @@ class Board:
         pieces = [f'{{"columns":{json.dumps(COLUMNS)},"rows":['.encode()]
         for start in range(0, len(rows), 100):
             comma = "," if start else ""
-            pieces.append((comma + ",".join(islice(rows, start, start + 100))).encode())
+            part = json.dumps(rows[start : start + 100], separators=(",", ":"))
+            pieces.append((comma + part[1:-1]).encode())
         return [*pieces, b"]}"]

@@ -31,7 +31,7 @@ from companion.health import Health
 from companion.plots import style
 from companion.web.board import Board
 from companion.web.metrics import CONTENT_TYPE, exposition
-from companion.web.settings import Address
+from companion.web.settings import Address, HttpSettings, read_address
 
 logger = logging.getLogger("kollsman.web")
 
@@ -179,6 +179,12 @@ class WebServer:
         return f"http://{f'[{host}]' if ':' in host else host}:{self.address.port}/"
 
     @property
+    def told(self) -> str:
+        """A line about where it is, and who can read it."""
+        reach = "; every machine that reaches this one can read it"
+        return f"live page: {self.url}{'' if self.address.is_loopback else reach}"
+
+    @property
     def is_alive(self) -> bool:
         """Whether it serves."""
         return self._thread.is_alive()
@@ -275,6 +281,21 @@ class WebServer:
         health = snapshot.document["sessions"][0]["health"]
         code = 503 if health["at_end"] == Health.LOST.name else 200
         return JSONResponse({"status": health["at_end"], "reason": health["reason"]}, code, SAFE)
+
+
+def serve(
+    address: str, settings: HttpSettings, stack: contextlib.ExitStack
+) -> tuple[Board, WebServer]:
+    """Serve a new board until `stack` is closed. Raises `ConfigError`."""
+    try:
+        place = read_address(address)
+    except ValueError as error:
+        raise ConfigError(f"--http: {error}") from None
+    board = Board()
+    server = WebServer(place, board, settings.hosts)
+    stack.callback(server.close)
+    server.start()
+    return board, server
 
 
 def _styles() -> dict[str, tuple[bytes, str]]:

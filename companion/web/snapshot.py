@@ -1,4 +1,4 @@
-"""What the live page shows of a running service: a snapshot in the report schema.
+"""What the live page shows of a running service, or of a log: a snapshot in the report schema.
 
 `Snapshots.poll` runs in the estimator's thread between two turns of its loop. Four times a second
 it copies numbers that the pipeline keeps anyway; a sample costs nothing more with it than without.
@@ -7,18 +7,23 @@ it copies numbers that the pipeline keeps anyway; a sample costs nothing more wi
 import logging
 import math
 from collections import Counter, deque
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
 
+from companion.clock import Clock
 from companion.health import Health
 from companion.kernels.gnss import gnss_sd_m
+from companion.links.base import LinkState
+from companion.links.traffic import Traffic
 from companion.mavlink.codec import mavlink
 from companion.mavlink.identity import autopilot_name
-from companion.replay.schema import document
+from companion.pipeline import Pipeline
+from companion.replay.findings import utc
+from companion.replay.schema import ALTITUDE_KEYS, SESSION_KEYS, document
 from companion.samples import FaultySensor, Kind, Verdict
+from companion.settings import CompanionSettings
+from companion.status import Text
 from companion.web.board import Board, Snapshot
-
-if TYPE_CHECKING:
-    from companion.service import Service
 
 logger = logging.getLogger("kollsman.web")
 
@@ -39,21 +44,65 @@ SEVERITIES = {
 Counts = tuple[tuple[int, ...], ...]
 
 
+class Peer(Protocol):
+    """A link, or the log in place of one."""
+
+    @property
+    def url(self) -> str: ...
+
+    @property
+    def state(self) -> LinkState: ...
+
+
+class Shown(Protocol):
+    """What is shown: a running service, or the player of a log."""
+
+    @property
+    def link(self) -> Peer: ...
+
+    @property
+    def clock(self) -> Clock: ...
+
+    settings: CompanionSettings
+    pipeline: Pipeline
+    published: int
+    sent_frames: int
+    outdated: int
+
+    @property
+    def texts(self) -> Sequence[Text]: ...
+
+    @property
+    def problems(self) -> list[str]: ...
+
+    def traffic(self) -> Mapping[str, Traffic]: ...
+
+    def rejected(self) -> dict[str, int]: ...
+
+
 class Snapshots:
     """Puts what a service is at the moment on a board.
 
     A snapshot that fails is logged once, and no further one is made: the altitude goes on.
+
+    Parameters
+    ----------
+    command, number : `run` or `replay`, and the number of the session, for the report schema.
     """
 
-    def __init__(self, service: "Service", board: Board) -> None:
+    def __init__(self, service: Shown, board: Board, command: str = "run", number: int = 1) -> None:
         self._service = service
         self._board = board
+        self._command, self._number = command, number
         self._start_us = self._due_us = service.clock.now_us()
         self._counts: deque[tuple[int, Counts]] = deque(maxlen=RATE_US // PERIOD_US + 1)
         self._changed_us: dict[Kind, int] = {}
         self._stamps: dict[str, tuple[int, int]] = {}
         """of the estimate and the heights: the newest stamp, and when it was first seen"""
         self._shares: Counter[Health] = Counter()
+        self._first_boot_us: int | None = None
+        self._heights_m: tuple[float, float, float] | None = None
+        """first, lowest and highest altitude"""
         self._exclusions: deque[dict[str, Any]] = deque(maxlen=MOST_EXCLUSIONS)
         self._faulty = FaultySensor.NONE
         self._has_failed = False
@@ -76,7 +125,7 @@ class Snapshots:
         self._follow(now_us)
         session = {**self._session(now_us), **self._live(now_us)}
         now, altitude = session["now"], session["altitude"]
-        found = document("run", service.link.url, [session], time_s=now_us * 1e-6)
+        found = document(self._command, service.link.url, [session], time_s=now_us * 1e-6)
         names = ("altitude_m", "altitude_sd_m", "level_m", "climb_mps")
         heights = ("gnss_m", "baro_m", "autopilot_m")
         is_new = self._is_new("estimate", int(service.pipeline.estimate[0]["time_us"]), now_us)
@@ -97,6 +146,12 @@ class Snapshots:
                 self._changed_us[kind] = now_us
         self._counts.append((now_us, counts))
         self._shares[pipeline.health.health] += 1
+        if self._first_boot_us is None and pipeline.now_us >= 0:
+            self._first_boot_us = pipeline.now_us
+        height_m = float(pipeline.estimate[0]["altitude_amsl_m"])
+        if math.isfinite(height_m):
+            first_m, low_m, high_m = self._heights_m or (height_m, height_m, height_m)
+            self._heights_m = first_m, min(low_m, height_m), max(high_m, height_m)
         self._follow_exclusion()
 
     def _follow_exclusion(self) -> None:
@@ -106,20 +161,42 @@ class Snapshots:
         if faulty is not self._faulty:
             if faulty is not FaultySensor.NONE:
                 since_s = max(0, int(estimate["faulty_since_us"])) * 1e-6
-                name = faulty.name.lower()
-                self._exclusions.append({"sensor": name, "boot_s": since_s, "duration_s": 0.0})
+                self._exclusions.append(self._exclusion(faulty.name.lower(), since_s))
             self._faulty = faulty
         if faulty is not FaultySensor.NONE:
             latest = self._exclusions[-1]
             latest["duration_s"] = max(latest["duration_s"], at_s - latest["boot_s"])
 
+    def _exclusion(self, sensor: str, since_s: float) -> dict[str, Any]:
+        """One that begins: as in a report, and with the vehicle's clock."""
+        offset_us = self._service.pipeline.intake.clock.unix_offset_us
+        return {
+            "sensor": sensor,
+            "boot_s": since_s,
+            "from_s": since_s - (self._first_boot_us or 0) * 1e-6,
+            "from_utc": None if offset_us is None else utc(round(since_s * 1e6) + offset_us),
+            "duration_s": 0.0,
+            "off_m": None,
+            "step_m": None,
+        }
+
     def _session(self, now_us: int) -> dict[str, Any]:
-        """The keys that a replayed session has too."""
+        """The keys that a replayed session has; those that need all of the flight are None."""
+        return dict.fromkeys(SESSION_KEYS) | self._known(now_us)
+
+    def _known(self, now_us: int) -> dict[str, Any]:
         service, pipeline = self._service, self._service.pipeline
         identity, value = pipeline.identity, pipeline.estimate[0]
         total = self._shares.total()
+        offset_us, first_us = pipeline.intake.clock.unix_offset_us, self._first_boot_us
+        first_m, low_m, high_m = self._heights_m or (None, None, None)
         return {
-            "session": 1,
+            "session": self._number,
+            "start_utc": utc(self._start_us),
+            "start_vehicle_utc": (
+                None if offset_us is None or first_us is None else utc(first_us + offset_us)
+            ),
+            "start_boot_s": None if first_us is None else first_us * 1e-6,
             "vehicle": "/".join(map(str, identity.vehicle)) if identity.vehicle else None,
             "autopilot": autopilot_name(identity.autopilot) if identity.vehicle else None,
             "duration_s": (now_us - self._start_us) * 1e-6,
@@ -137,7 +214,11 @@ class Snapshots:
                 if sum(pipeline.verdicts[kind])
             },
             "left_out": {str(cause): n for cause, n in pipeline.intake.counters.items() if n},
-            "altitude": {
+            "altitude": dict.fromkeys(ALTITUDE_KEYS)
+            | {
+                "first_m": first_m,
+                "min_m": low_m,
+                "max_m": high_m,
                 "last_m": float(value["altitude_amsl_m"]),
                 "above_takeoff_last_m": float(value["height_above_takeoff_m"]),
                 "qnh_hpa": float(value["qnh_pa"]) * 0.01,
@@ -167,8 +248,17 @@ class Snapshots:
                 "outdated": service.outdated,
                 "traffic": {url: each.as_dict() for url, each in service.traffic().items()},
                 "rejected": service.rejected(),
+                "radio": self._radio(now_us),
             },
         }
+
+    def _radio(self, now_us: int) -> dict[str, Any] | None:
+        """The newest report of a telemetry radio on any link."""
+        heard = [each.radio for each in self._service.traffic().values() if each.radio is not None]
+        if not heard:
+            return None
+        radio, at_us = max(heard, key=lambda each: each[1])
+        return radio.as_dict() | {"age_s": (now_us - at_us) * 1e-6}
 
     def _is_new(self, name: str, stamp_us: int, now_us: int) -> bool:
         """Whether a stamp of the vehicle's clock has moved in the last two seconds of ours."""

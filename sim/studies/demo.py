@@ -11,7 +11,7 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -59,8 +59,10 @@ class DemoRow:
 class Companion:
     """The companion in a process of its own; its output goes to `log`."""
 
-    def __init__(self, url: str, log: Path, say: Callable[[str], None]) -> None:
-        command = [sys.executable, "-m", "companion.cli", "run", url]
+    def __init__(
+        self, url: str, log: Path, say: Callable[[str], None], options: Sequence[str] = ()
+    ) -> None:
+        command = [sys.executable, "-m", "companion.cli", "run", url, *options]
         self._log = log.open("w", encoding="utf-8")
         self._process = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
@@ -97,7 +99,7 @@ class Companion:
         for line in self._process.stdout or ():
             self._log.write(line)
             self._log.flush()
-            if line.startswith("compiling"):
+            if line.startswith(("compiling", "live page")):
                 self._say(f"companion: {line.strip()}")
             if line.startswith("ready"):
                 self._say(f"companion: {line.strip()}")
@@ -117,13 +119,14 @@ def fly(
     out: Path,
     show: Callable[[DemoRow], None],
     say: Callable[[str], None],
+    options: Sequence[str] = (),
 ) -> Path:
-    """Fly `scenario` with a companion at the other end of a UDP socket; the log, with what came
-    back in it."""
+    """Fly `scenario` with a companion (with `options`) at the other end of a UDP socket; the log,
+    with what came back in it."""
     out.mkdir(parents=True, exist_ok=True)
     tlog = out / f"{scenario}.tlog"
     port = free_port()
-    companion = Companion(f"udpin:127.0.0.1:{port}", out / "companion.txt", say)
+    companion = Companion(f"udpin:127.0.0.1:{port}", out / "companion.txt", say, options)
     try:
         companion.wait_until_ready()
         link = open_link(f"udpout:127.0.0.1:{port}")

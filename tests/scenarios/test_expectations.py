@@ -14,10 +14,7 @@ from sim.studies.runs import flown
 
 _MEASURED = "missed in the run of 2026-11-28; cause not found"
 _UNKNOWN = "not measured yet with the mixture of vertical-bank"
-QUICK = {
-    "circuit-landing", "cold-start", "jammed-approach", "rtk-fallback", "reboot-in-flight",
-    "sliding-first-fix", "spoofed-approach",
-}  # fmt: skip
+QUICK = {"rtk-fallback", "reboot-in-flight"}
 """Scenarios that the slow run flies; the long run flies the others."""
 KNOWN_MISSES: dict[str, str] = {
     "airliner-descent": _MEASURED,

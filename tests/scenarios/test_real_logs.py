@@ -33,6 +33,7 @@ class Case(NamedTuple):
     """at least this many"""
     reboots: int = 0
     slow: bool = False
+    long: bool = False
 
 
 CASES = {
@@ -42,7 +43,7 @@ CASES = {
     "real/bruno_20211202-133659.tlog": Case("gnss", 20),  # begins at 0, 0, 0; ends in zeros
     "real/bruno_20211123-010337.tlog": Case(None, 0, slow=True),  # indoors: never a fix, alt -17 m
     "real/bruno_20211125-124019.tlog": Case(None, 0),
-    "real/pymavlink_swift_flight.tlog": Case("gnss", 6000, reboots=4, slow=True),
+    "real/pymavlink_swift_flight.tlog": Case("gnss", 6000, reboots=4, long=True),
     "real/dronekit_flight_replay.tlog": Case("gnss", 2400, reboots=1),  # another dialect
     "real/lester_b_mav.tlog": Case("gnss", 1800),  # half pressure
     "real/eagle_f759975_mav.tlog": Case("gnss", 2300, slow=True),  # a companion as quadrotor
@@ -53,17 +54,17 @@ CASES = {
         "gnss", 2700, reboots=1, slow=True
     ),  # two boots
     "real/SITL_uavlogviewer_vtol.tlog": Case("gnss", 700),
-    "flights/jsbsim_A.tlog": Case("truth", 12_000, slow=True),
-    "flights/jsbsim_B.tlog": Case("truth", 12_000, slow=True),
-    "flights/ardupilot_nominal.tlog": Case("truth", 9_500, slow=True),
-    "flights/ardupilot_weather.tlog": Case("truth", 9_000, slow=True),
+    "flights/jsbsim_A.tlog": Case("truth", 12_000, long=True),
+    "flights/jsbsim_B.tlog": Case("truth", 12_000, long=True),
+    "flights/ardupilot_nominal.tlog": Case("truth", 9_500, long=True),
+    "flights/ardupilot_weather.tlog": Case("truth", 9_000, long=True),
 }
 
 
 def marks(name: str, estimator: str) -> list[pytest.MarkDecorator]:
     """Slow and long ones."""
     slow, other = CASES[name].slow, estimator != DEFAULT_ESTIMATOR
-    if other or (slow and name.startswith("flights")):
+    if other or CASES[name].long:
         return [pytest.mark.long]
     return [pytest.mark.slow] if slow else []
 

@@ -18,8 +18,9 @@ const FlightCharts = (() => {
     for (const [table, column, count, step] of packed.columns) {
       const values = new Array(count);
       for (let i = 0, whole = 0; i < count; i++, at++) {
-        whole = (whole + (planes[at] | planes[size + at] << 8 | planes[2 * size + at] << 16
-                          | planes[3 * size + at] << 24)) | 0;
+        const folded = planes[at] | planes[size + at] << 8 | planes[2 * size + at] << 16
+                       | planes[3 * size + at] << 24;
+        whole = (whole + (folded >>> 1 ^ -(folded & 1))) | 0;
         values[i] = whole === UNKNOWN ? null : whole * step;
       }
       (tables[table] ??= {})[column] = values;

@@ -2,7 +2,8 @@
 // Curves of the last ten minutes on canvases. Data: rows of the server's history, in its columns.
 
 const SPANS_S = [60, 120, 300, 600]; // what the time axis shows: the shortest that holds all rows
-const GAP_S = 4; // rows further apart are not joined
+const GAP_S = 4; // rows further apart are not joined, nor such that are GAP_STEPS usual steps apart
+const GAP_STEPS = 5;
 
 /** The smallest of 1, 2, 5 x 10^n that divides `span` into at most `most` steps. */
 function niceStep(span, most) {
@@ -85,6 +86,7 @@ class Curve {
   }
 
   draw(rows, nowS, hoverS) {
+    this.gapS = Math.max(GAP_S, GAP_STEPS * usualStep(rows)); // a log may be shown at any speed
     const ageS = rows.length ? nowS - rows[0][0] : 0;
     this.spanS = SPANS_S.find((each) => each >= ageS - 2) || SPANS_S[SPANS_S.length - 1];
     const ratio = window.devicePixelRatio || 1;
@@ -171,7 +173,7 @@ class Curve {
     for (const row of rows) {
       const found = value(row);
       const known = Array.isArray(found) || isKnown(found);
-      if (piece.length && (!known || row[0] - lastS > GAP_S)) {
+      if (piece.length && (!known || row[0] - lastS > this.gapS)) {
         yield piece;
         piece = [];
       }
@@ -210,7 +212,7 @@ class Curve {
   _strip(pen, rows) {
     const { bottom } = this.frame;
     for (let k = 0; k < rows.length; k += 1) {
-      const nextS = k + 1 < rows.length ? Math.min(rows[k + 1][0], rows[k][0] + GAP_S) : rows[k][0] + 0.5;
+      const nextS = k + 1 < rows.length ? Math.min(rows[k + 1][0], rows[k][0] + this.gapS) : rows[k][0] + 0.5;
       pen.fillStyle = cssColour(this.strip(rows[k]));
       pen.fillRect(this.x(rows[k][0]), bottom - 6, Math.max(1, this.x(nextS) - this.x(rows[k][0]) + 0.5), 6);
     }
@@ -233,6 +235,13 @@ class Curve {
     if (x < this.frame.left || x > this.frame.right) return null;
     return nowS - ((this.frame.right - x) / (this.frame.right - this.frame.left)) * this.spanS;
   }
+}
+
+/** The median time between two rows; 0 before there are some. */
+function usualStep(rows) {
+  const steps = [];
+  for (let k = 1; k < rows.length; k += 1) steps.push(rows[k][0] - rows[k - 1][0]);
+  return steps.length ? quantile(steps, 0.5) : 0;
 }
 
 /** The row whose time is nearest, or null when none is near. */

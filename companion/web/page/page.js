@@ -13,7 +13,7 @@ const FIXES = ["no GNSS", "no fix", "2D fix", "3D fix", "3D differential", "RTK 
 const HEALTH_COLOURS = ["--good", "--warn", "--bad"];
 
 const byId = (id) => document.getElementById(id);
-const state = { rows: [], column: {}, lastEvent: 0, ageS: null, source: null, offsetS: 0, hoverS: null, dirty: true };
+const state = { rows: [], column: {}, lastEvent: 0, ageS: null, ended: false, source: null, offsetS: 0, hoverS: null, dirty: true };
 
 // Values
 
@@ -59,8 +59,8 @@ function show(session, head) {
   text("health-reason", session.health.reason);
   list("problems", [...session.problems, ...session.notes.slice(-3)].map((each) => ["", each]));
   text("vehicle", session.vehicle
-    ? `${session.autopilot} ${session.vehicle} on ${head.log}, ${session.estimator}`
-    : `no vehicle heard on ${head.log}`);
+    ? `${session.autopilot} ${session.vehicle} ${head.command === "replay" ? "in" : "on"} ${head.log}, ${session.estimator}`
+    : `no vehicle heard ${head.command === "replay" ? "in" : "on"} ${head.log}`);
   text("altitude", fixed(now.altitude_m));
   text("altitude-ft", fixed(now.altitude_m / 0.3048, 0));
   text("sd", fixed(now.altitude_sd_m));
@@ -80,7 +80,8 @@ function show(session, head) {
   list("exclusions", session.exclusions.slice().reverse().map((each) => [
     `at ${fixed(each.boot_s, 0)} s`, `${SENSORS[each.sensor] || each.sensor} excluded for ${fixed(each.duration_s, 0)} s`,
   ]));
-  text("about", `Kollsman ${head.kollsman}, running for ${duration(session.duration_s)}`);
+  const what = head.command === "replay" ? "a log, shown for" : "running for";
+  text("about", `Kollsman ${head.kollsman}, ${what} ${duration(session.duration_s)}`);
   const number = isNumber(now.altitude_m) && session.health.at_end !== "LOST" ? `${fixed(now.altitude_m, 0)} m ` : "";
   document.title = `${number}${session.health.at_end} – Kollsman`;
 }
@@ -152,6 +153,12 @@ function showOutput(session) {
   const lost = senders.reduce((sum, each) => sum + each.lost, 0);
   const bad = Object.entries(link.rejected).map(([cause, count]) => `${cause} ${count}`).join(", ");
   text("lost", `${lost} lost${bad ? `; ${bad}` : ", nothing bad"}; link ${link.state}`);
+  const radio = link.radio;
+  for (const element of document.querySelectorAll(".radio")) element.hidden = !radio;
+  if (!radio) return;
+  const level = (value, noise) => `${value ?? "–"} (noise ${noise ?? "–"})`;
+  const old = radio.age_s > 10 ? `, ${fixed(radio.age_s, 0)} s ago` : "";
+  text("radio", `${level(radio.rssi, radio.noise)}, remote ${level(radio.remote_rssi, radio.remote_noise)}${old}`);
 }
 
 // The connection
@@ -192,8 +199,11 @@ function merge(rows) {
 function take(event) {
   state.lastEvent = performance.now();
   state.ageS = event.age_s;
+  if (event.ended && !state.ended) loadHistory();
+  state.ended = Boolean(event.ended);
   if (!event.state) return;
   const newest = state.rows[state.rows.length - 1];
+  if (newest && event.row[0] < newest[0] - 600) state.rows = []; // another log, or an earlier flight
   if (!newest || event.row[0] - newest[0] >= 0.45) {
     state.rows.push(event.row);
     if (state.rows.length > KEPT_ROWS) state.rows.splice(0, state.rows.length - KEPT_ROWS);
@@ -207,9 +217,9 @@ function watch() {
   const silentS = (performance.now() - state.lastEvent) / 1000;
   const hasEvent = state.lastEvent > 0 && (state.ageS !== null || state.rows.length > 0);
   const isLost = hasEvent && silentS > (state.source ? STALE_S : BROKEN_S);
-  const isStalled = !isLost && state.ageS !== null && state.ageS + silentS > STALE_S;
+  const isStalled = !isLost && !state.ended && state.ageS !== null && state.ageS + silentS > STALE_S;
   document.body.dataset.connection = !hasEvent ? "waiting" : isLost || isStalled ? "lost" : "live";
-  text("connection-text", !hasEvent ? (state.lastEvent ? "the service starts" : "connecting") : isLost ? "not connected" : isStalled ? "service stalled" : "live");
+  text("connection-text", !hasEvent ? (state.lastEvent ? "the service starts" : "connecting") : isLost ? "not connected" : isStalled ? "service stalled" : state.ended ? "the log has ended" : "live");
   const stale = byId("stale");
   stale.hidden = !(isLost || isStalled);
   if (isLost) {
@@ -283,7 +293,8 @@ function makeCurves() {
 
 function start() {
   const curves = makeCurves();
-  const nowS = () => performance.now() / 1000 + state.offsetS;
+  const lastS = () => state.rows[state.rows.length - 1]?.[0] ?? 0;
+  const nowS = () => (state.ended ? lastS() : performance.now() / 1000 + state.offsetS);
   const draw = () => {
     if (state.dirty && state.rows.length) {
       state.dirty = false;

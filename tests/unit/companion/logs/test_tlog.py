@@ -23,7 +23,7 @@ NOON_US = 1_700_000_000_000_000
 SECOND = 1_000_000
 REAL = DATA
 REAL_LOGS = sorted([*REAL.glob("real/*.tlog"), *REAL.glob("flights/*.tlog")])
-SLOW_IF_LARGE = [
+LONG_IF_LARGE = [
     pytest.param(
         path, id=path.stem, marks=() if path.stat().st_size < 5_000_000 else pytest.mark.long
     )
@@ -363,7 +363,7 @@ def test_mavlogdump_plays_what_we_write(tmp_path: Path) -> None:
     assert [line.split(": ")[1].split()[0] for line in run.stdout.splitlines()] == ["ALTITUDE"] * 10
 
 
-@pytest.mark.parametrize("path", SLOW_IF_LARGE)
+@pytest.mark.parametrize("path", LONG_IF_LARGE)
 def test_every_byte_of_a_real_log_is_accounted_for(path: Path) -> None:
     reader = TlogReader(path)
     read = sum(8 + len(packet.data) for packet in reader)
@@ -375,8 +375,7 @@ def test_every_byte_of_a_real_log_is_accounted_for(path: Path) -> None:
     assert (left == 0) == (failed == 0)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("path", REAL_LOGS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", LONG_IF_LARGE)
 def test_finds_every_frame_that_pymavlink_finds(path: Path) -> None:
     theirs = pymavlink_packets(path)
     ours = Counter(packet.data for packet in TlogReader(path))

@@ -16,8 +16,8 @@ class Time:
         return self.now_s
 
 
-def snapshot(number: int) -> Snapshot:
-    return Snapshot({"number": number}, (float(number), *[None] * (len(COLUMNS) - 1)))
+def snapshot(number: int, time_s: float = 0.0) -> Snapshot:
+    return Snapshot({"number": number}, (time_s, *[None] * (len(COLUMNS) - 1)))
 
 
 def event_of(board: Board) -> dict[str, Any]:
@@ -66,22 +66,34 @@ def test_a_snapshot_grows_old() -> None:
 
 
 def test_the_history_has_two_rows_a_second_and_ten_minutes_at_most() -> None:
-    time = Time()
-    board = Board(time)
+    board = Board(Time())
     for number in range(8000):  # half an hour, four a second
-        board.put(snapshot(number))
-        board.refresh()
-        time.now_s += 0.25
+        board.put(snapshot(number, 0.25 * number))
     rows = history_of(board)
     assert len(rows) == HISTORY_S / ROW_S
-    assert rows[-1] - rows[0] == 2 * (len(rows) - 1)
+    assert rows[-1] - rows[0] == ROW_S * (len(rows) - 1)
 
 
 def test_after_a_pause_the_history_does_not_catch_up() -> None:
+    board = Board(Time())
+    for time_s in (0.0, 0.25, 60.25, 60.5, 60.75, 61.0):
+        board.put(snapshot(0, time_s))
+    assert history_of(board) == [0.0, 60.25, 60.75]
+
+
+def test_an_earlier_flight_begins_the_history_anew() -> None:
+    board = Board(Time())
+    for time_s in (90_000.0, 90_001.0, 500.0, 500.5):
+        board.put(snapshot(0, time_s))
+    assert history_of(board) == [500.0, 500.5]
+
+
+def test_the_end_of_a_log_is_not_a_stall() -> None:
     time = Time()
     board = Board(time)
-    for pause_s in (0.25, 60.0, 0.25, 0.25, 0.25, 0.25):
-        board.put(snapshot(0))
-        board.refresh()
-        time.now_s += pause_s
-    assert len(history_of(board)) == 3
+    board.put(snapshot(1))
+    board.end()
+    time.now_s += 100.0
+    board.refresh()
+    assert not board.is_stalled
+    assert event_of(board)["ended"] is True

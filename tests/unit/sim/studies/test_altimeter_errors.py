@@ -140,6 +140,7 @@ def test_whole_samples_give_the_same_errors(draws: Array) -> None:
     assert np.abs(simulated.errors_m[:, 300:, :3]).mean() > 0.3
 
 
+@pytest.mark.long
 def test_the_page_has_every_table(tmp_path: Path) -> None:
     page = PAPERS["C"].reproduce(2, tmp_path, lambda fraction, what: None)
     text = page.write().read_text(encoding="utf-8")

@@ -61,6 +61,7 @@ def test_a_section_draws_and_judges_and_repeats(tmp_path: Path) -> None:
     assert first.contents.startswith("| [stuck](#stuck) | Of a test. | ")
 
 
+@pytest.mark.long
 def test_a_renewed_section_leaves_the_others(tmp_path: Path) -> None:
     before = (GALLERY / f"{PAGE}.md").read_text(encoding="utf-8")
     (tmp_path / f"{PAGE}.md").write_text(before, encoding="utf-8")

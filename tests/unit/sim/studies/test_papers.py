@@ -116,7 +116,7 @@ DRAWN = "HK"
 
 
 @pytest.mark.parametrize(
-    "key", [key if key in "HCR" else pytest.param(key, marks=pytest.mark.long) for key in PAPERS]
+    "key", [key if key in "CR" else pytest.param(key, marks=pytest.mark.long) for key in PAPERS]
 )
 def test_a_page_rebuilds_byte_for_byte_and_no_verdict_is_a_constant(
     key: str, tmp_path: Path
@@ -176,6 +176,7 @@ class TestLuck:
         other.blocks = page.blocks
         assert "every verdict is the same" in page.markdown()
 
+    @pytest.mark.long
     def test_draws_other_numbers_and_writes_nothing(self, tmp_path: Path) -> None:
         page = PAPERS["H"].reproduce(2, tmp_path, quiet)
         files = set(tmp_path.iterdir())

@@ -121,6 +121,7 @@ def test_rtk_receiver_is_near_its_truth() -> None:
     assert rate_hz == pytest.approx(50.0, rel=0.05)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not (DATA / "real").exists(), reason="the recorded logs are not here")
 def test_a_stationary_receiver_is_found_and_runs_to_and_fro() -> None:
     (stretch,) = stationary(DATA / "real" / "eagle_f759975_mav.tlog")

@@ -364,18 +364,21 @@ class Aircraft:
             airspeed() * _KT,
             wow() > 0.5,
         )
-        height_m = altitude_m - self._ground_m
-        if not (height_m > self._rest_height_m + 1.0 and isfinite(sum(truth))):
-            self._check(truth, height_m)
+        is_flying = altitude_m - self._ground_m > self._rest_height_m + 1.0
+        if not (is_flying and isfinite(sum(truth))):
+            self._check(truth)
         return truth
 
-    def _check(self, truth: Truth, height_m: float) -> None:
+    def _check(self, truth: Truth) -> None:
         """Raise `SimulationError` for a state that is not finite, or a crash."""
         if not isfinite(sum(truth)):
             bad = ", ".join(name for name, value in truth._asdict().items() if not isfinite(value))
             raise SimulationError(
                 f"at {truth.time_us / 1e6:.2f} s the flight dynamics diverged: {bad} not finite"
             )
+        height_m = truth.altitude_amsl_m - self._ground_m
+        if height_m > self._rest_height_m + 1.0:
+            return
         if height_m < _BURIED * self._rest_height_m:
             fate = "is below the ground"
         elif truth.down_mps > _CRASH_MPS:

@@ -269,7 +269,7 @@ class Pipeline:
         self.heard[frame.message_id] = self.heard.get(frame.message_id, 0) + 1
         if frame.message_id not in self._wanted:
             return []
-        message = self.decoder.decode(frame)
+        message = self.decoder.read(frame)
         return self._message(message, frame.message_id, arrival_us) if message is not None else []
 
     def _request(self, frame: Frame, arrival_us: int) -> list[bytes]:

@@ -6,7 +6,6 @@ whose fields are all single numbers have columns; texts and arrays are decoded o
 pymavlink decodes them: zeros that MAVLink 2 left out and missing extension fields are 0.
 """
 
-from collections import namedtuple
 from collections.abc import Callable, Iterator
 from functools import cache
 from typing import Any, NamedTuple
@@ -14,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.mavlink.codec import Frame, Message, mavlink
+from companion.mavlink.codec import Frame, Message, mavlink, numbers
 from companion.mavlink.framing import CRC_EXTRA, CRC_TABLE, V1_HEADER, V1_LENGTHS, V2_HEADER
 from companion.mavlink.record_scan import gather
 from companion.samples import Rows
@@ -39,13 +38,13 @@ class Layout(NamedTuple):
 @cache
 def layout(message_id: int) -> Layout | None:
     """The layout of a kind, or None when it has texts, arrays or an id that is not known."""
-    kind = mavlink.mavlink_map.get(message_id)
-    if kind is None or max(kind.lengths) != 1 or "char" in kind.fieldtypes:
+    found = numbers(message_id)
+    if found is None:
         return None
+    kind = mavlink.mavlink_map[message_id]
     names, codes = kind.ordered_fieldnames, kind.native_format.decode().lstrip("<")
     dtype = np.dtype([(name, CODES[code]) for name, code in zip(names, codes, strict=True)])
-    light: Any = namedtuple(kind.msgname, names)  # type: ignore[misc]
-    return Layout(dtype, light._make)
+    return Layout(dtype, found.make)
 
 
 def columns(data: NDArray[np.uint8], index: Rows, message_id: int) -> NDArray[Any]:

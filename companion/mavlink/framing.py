@@ -22,6 +22,7 @@ V1_HEADER, V2_HEADER = 6, 10
 CHECKSUM, SIGNATURE = 2, 13
 MAX_FRAME_SIZE = V2_HEADER + 255 + CHECKSUM + SIGNATURE
 _SIGNED = 0x01  # the only incompatibility flag there is
+_V2_IDS = struct.Struct("<BBBHB").unpack_from
 _START = re.compile(rb"[\xfd\xfe]")
 
 
@@ -129,8 +130,8 @@ def scan(buffer: bytes, offset: int = 0) -> Frame | FrameReject | None:
     if end > offset + available:
         return None
     if version == 2:
-        sequence, system_id, component_id, low, middle, high = buffer[offset + 4 : offset + header]
-        message_id = low | middle << 8 | high << 16
+        sequence, system_id, component_id, low, high = _V2_IDS(buffer, offset + 4)
+        message_id = low | high << 16
     else:
         sequence, system_id, component_id, message_id = buffer[offset + 2 : offset + header]
 
@@ -147,9 +148,8 @@ def scan(buffer: bytes, offset: int = 0) -> Frame | FrameReject | None:
         version == 1 and length not in V1_LENGTHS[message_id]
     ):
         return FrameReject.DIALECT
-    return Frame(
-        buffer[offset:end], message_id, system_id, component_id, sequence, version, bool(flags)
-    )
+    data = buffer if end - offset == len(buffer) else buffer[offset:end]
+    return Frame(data, message_id, system_id, component_id, sequence, version, bool(flags))
 
 
 def next_start(buffer: bytes, offset: int) -> int:

@@ -12,146 +12,254 @@ static-port errors of up to 0.17 of dynamic pressure.
 """
 
 import math
-from collections import deque
 
+import numpy as np
+
+from companion.jit import step
 from companion.kernels.atmosphere import G0_MPS2, baro_altitude_m
 from companion.kernels.gnss import HIGHEST_GNSS_M, LOWEST_GNSS_M, gnss_sd_m
-from companion.samples import Kind, Rows
+from companion.samples import Kind, Rows, rows
 
 WEATHER_MPS, SLOPE, SCALE, PORT, SWING_M = 31.0 / 3600.0, 0.4e-3, 0.05, 0.17, 1.0
 SIGMAS, LEAST_SD_M, UNKNOWN_SD_M, LEVEL_M = 5.0, 4.0, 10.0, 10.0
 NEVER_US, FRESH_US, FAST_US = -(1 << 60), 2_000_000, 2_500_000
 YOUNG_US, STEADY_US = 10_000_000, 60_000_000
+BAROS, PAIRS = 64, 256
+NONE, BARO, GNSS = -1, int(Kind.PRESSURE), int(Kind.GNSS)
+BY_HEIGHT, BY_SPEED = 0, 1
+
+AGREEMENT = np.dtype(
+    [
+        ("excluded", "i8"),  # Kind of the sensor that is known to be wrong; -1 none
+        ("agree", "i8"),
+        ("baro_us", "i8"),
+        ("baro_m", "f8"),
+        ("gnss_us", "i8"),
+        ("gnss_m", "f8"),
+        ("difference_m", "f8"),  # the agreed difference, GNSS minus barometer height
+        ("gap_m", "f8"),  # deviation of the last fix from it
+        ("gnss_limit_m", "f8"),
+        ("sd_m", "f8"),
+        ("agreed_sd_m", "f8"),
+        ("weather_m", "f8"),
+        ("speed_mps", "f8"),
+        ("level_m", "f8"),
+        ("jump_m", "f8"),
+        ("errors_m", "f8", (2,)),  # by height, by speed
+        ("agreed_errors_m", "f8", (2,)),
+        ("since_us", "i8"),
+        ("until_us", "i8"),
+        ("level_us", "i8"),
+        ("changed_us", "i8"),
+        ("baro_instance", "i8"),
+        ("gnss_instance", "i8"),
+        ("baros_us", "i8", (BAROS,)),  # rings: the newest value is before `..._next`
+        ("baros_m", "f8", (BAROS,)),
+        ("baros_next", "i8"),
+        ("baros_count", "i8"),
+        ("pairs_us", "i8", (PAIRS,)),
+        ("pairs_m", "f8", (PAIRS, 3)),  # barometer, GNSS, gap
+        ("pairs_next", "i8"),
+        ("pairs_count", "i8"),
+    ],
+    align=True,
+)
 
 
 class Agreement:
-    """Follows one barometer and one receiver: the first of each kind that is alive.
-
-    `difference_m` is the agreed difference, GNSS minus barometer height, NaN before; `gap_m` is the
-    deviation of the last fix from it, `limit_m` its bound; `excluded` is the sensor that is known
-    to be wrong.
-    """
+    """Follows one barometer and one receiver: the first of each kind that is alive."""
 
     def __init__(self) -> None:
-        self.excluded: Kind | None = None
-        self.agree = True
-        self.baro = self.gnss = (NEVER_US, math.nan)  # time and height
-        self.difference_m, self.gap_m, self.gnss_limit_m = math.nan, 0.0, math.nan
-        self._baros: deque[tuple[int, float]] = deque([self.baro], 64)
-        self._pairs: deque[tuple[int, float, float, float]] = deque([(0, 0.0, 0.0, 0.0)], 256)
-        self._instances = {Kind.PRESSURE: 0, Kind.GNSS: 0}
-        self._sd_m, self._agreed_sd_m, self._weather_m, self._speed_mps = (
-            math.inf,
-            math.inf,
-            0.0,
-            0.0,
-        )
-        self._level_m = self._jump_m = math.nan
-        self._errors_m, self._agreed_errors_m = [0.0, 0.0], [0.0, 0.0]  # by height, by speed
-        self._since_us = self._until_us = self._level_us = self._changed_us = 0
+        self.state: Rows = rows(AGREEMENT)
+        begin(self.state)
 
     @property
-    def limit_m(self) -> float:
-        """Largest deviation from the agreed difference that is no fault, m."""
-        return SIGMAS * max(self._sd_m, self._agreed_sd_m) + self._drift_m()
+    def baro(self) -> tuple[int, float]:
+        """Time and height of the barometer's last sample."""
+        return int(self.state["baro_us"][0]), float(self.state["baro_m"][0])
 
-    def pressure(self, row: Rows) -> None:
-        """Follow the barometer, and how far its error can have drifted."""
-        time_us, height_m = int(row["time_us"][0]), baro_altitude_m(float(row["pressure_pa"][0]))
-        last_us, last_m = self.baro
-        if not math.isfinite(height_m) or self._is_other(Kind.PRESSURE, row, last_us):
+    @property
+    def gnss(self) -> tuple[int, float]:
+        """Time and height of the last fix."""
+        return int(self.state["gnss_us"][0]), float(self.state["gnss_m"][0])
+
+
+@step
+def begin(a: Rows) -> None:
+    """Know nothing."""
+    a[0].excluded, a[0].agree = NONE, 1
+    a[0].baro_us = a[0].gnss_us = NEVER_US
+    a[0].gap_m, a[0].weather_m, a[0].speed_mps = 0.0, 0.0, 0.0
+    a[0].baro_m = a[0].gnss_m = a[0].difference_m = a[0].gnss_limit_m = math.nan
+    a[0].level_m = a[0].jump_m = math.nan
+    a[0].sd_m = a[0].agreed_sd_m = math.inf
+    for k in range(2):
+        a[0].errors_m[k] = a[0].agreed_errors_m[k] = 0.0
+    a[0].since_us = a[0].until_us = a[0].level_us = a[0].changed_us = 0
+    a[0].baro_instance = a[0].gnss_instance = 0
+    a[0].baros_us[0], a[0].baros_m[0] = NEVER_US, math.nan
+    a[0].baros_next = a[0].baros_count = 1
+    a[0].pairs_us[0] = 0
+    for k in range(3):
+        a[0].pairs_m[0, k] = 0.0
+    a[0].pairs_next = a[0].pairs_count = 1
+
+
+@step
+def limit_m(a: Rows) -> float:
+    """Largest deviation from the agreed difference that is no fault, m."""
+    return SIGMAS * max(a[0].sd_m, a[0].agreed_sd_m) + _drift_m(a)
+
+
+@step
+def follow_pressure(a: Rows, row: Rows) -> None:
+    """Follow the barometer, and how far its error can have drifted."""
+    time_us, height_m = row[0].time_us, baro_altitude_m(row[0].pressure_pa)
+    last_us, last_m = a[0].baro_us, a[0].baro_m
+    if not math.isfinite(height_m):
+        return
+    if row[0].instance != a[0].baro_instance:
+        if time_us - last_us <= FRESH_US:
             return
-        self._changed_us = time_us if height_m != last_m else self._changed_us
-        rate_mps = WEATHER_MPS + SLOPE * self._speed_mps
-        self._weather_m += rate_mps * max(0, time_us - max(0, last_us)) * 1e-6
-        self._errors_m[0] = SCALE * height_m
-        self.baro = time_us, height_m
-        self._baros.append(self.baro)
+        a[0].baro_instance, a[0].difference_m = row[0].instance, math.nan
+    if time_us < last_us:
+        return
+    if height_m != last_m:
+        a[0].changed_us = time_us
+    rate_mps = WEATHER_MPS + SLOPE * a[0].speed_mps
+    a[0].weather_m += rate_mps * max(0, time_us - max(0, last_us)) * 1e-6
+    a[0].errors_m[BY_HEIGHT] = SCALE * height_m
+    a[0].baro_us, a[0].baro_m = time_us, height_m
+    place = a[0].baros_next
+    a[0].baros_us[place], a[0].baros_m[place] = time_us, height_m
+    a[0].baros_next = (place + 1) % BAROS
+    a[0].baros_count = min(BAROS, a[0].baros_count + 1)
 
-    def fix(self, row: Rows) -> None:
-        """Follow the receiver, and compare it with the barometer of the same instant."""
-        value, height_m = row[0], float(row["altitude_amsl_m"][0])
-        credible = value["fix_type"] >= 3 and LOWEST_GNSS_M <= height_m <= HIGHEST_GNSS_M
-        if not credible or self._is_other(Kind.GNSS, row, self.gnss[0]):
+
+@step
+def follow_fix(a: Rows, row: Rows) -> None:
+    """Follow the receiver, and compare it with the barometer of the same instant."""
+    time_us, height_m = row[0].time_us, row[0].altitude_amsl_m
+    if row[0].fix_type < 3 or not LOWEST_GNSS_M <= height_m <= HIGHEST_GNSS_M:
+        return
+    if row[0].instance != a[0].gnss_instance:
+        if time_us - a[0].gnss_us <= FRESH_US:
             return
-        self.gnss = time_us, _ = int(value["time_us"]), height_m
-        self._sd_m = float(gnss_sd_m(row, LEAST_SD_M, UNKNOWN_SD_M))
-        self.gnss_limit_m = SIGMAS * self._sd_m
-        self._speed_mps = max(0.0, float(value["ground_speed_mps"]))  # unknown: 0
-        self._errors_m[1] = PORT * self._speed_mps**2 / (2.0 * G0_MPS2)
-        baro_us, baro_m = next((b for b in reversed(self._baros) if b[0] <= time_us), self.baro)
-        if abs(time_us - baro_us) <= FRESH_US and math.isfinite(baro_m):
-            self._compare(time_us, baro_m, height_m)
+        a[0].gnss_instance, a[0].difference_m = row[0].instance, math.nan
+    if time_us < a[0].gnss_us:
+        return
+    a[0].gnss_us, a[0].gnss_m = time_us, height_m
+    a[0].sd_m = gnss_sd_m(row, LEAST_SD_M, UNKNOWN_SD_M)
+    a[0].gnss_limit_m = SIGMAS * a[0].sd_m
+    speed_mps = row[0].ground_speed_mps
+    a[0].speed_mps = speed_mps if speed_mps > 0.0 else 0.0  # unknown: 0
+    a[0].errors_m[BY_SPEED] = PORT * (a[0].speed_mps * a[0].speed_mps) / (2.0 * G0_MPS2)
+    baro_us, baro_m = a[0].baro_us, a[0].baro_m
+    for back in range(a[0].baros_count):
+        place = (a[0].baros_next - 1 - back) % BAROS
+        if a[0].baros_us[place] <= time_us:
+            baro_us, baro_m = a[0].baros_us[place], a[0].baros_m[place]
+            break
+    if abs(time_us - baro_us) <= FRESH_US and math.isfinite(baro_m):
+        _compare(a, time_us, baro_m, height_m)
 
-    def _compare(self, time_us: int, baro_m: float, gnss_m: float) -> None:
-        difference_m = gnss_m - baro_m
-        self.gap_m = difference_m - self.difference_m
-        if math.isnan(self.gap_m):
-            self._latch(difference_m, time_us)
-        elif self._is_back(time_us):
-            self.excluded, self.agree, self._until_us = None, True, time_us
-            self.difference_m += math.copysign(min(abs(self.gap_m), self._drift_m()), self.gap_m)
-            self._weather_m = 0.0
-            for k in range(2):
-                if self._swing_m(k) > 0.0:
-                    self._agreed_errors_m[k] = self._errors_m[k]
-            if time_us - self._since_us < YOUNG_US or self._sd_m < 0.5 * self._agreed_sd_m:
-                self._latch(difference_m, self._since_us)
-        elif self.agree:
-            self.excluded = self._mover(time_us, baro_m, gnss_m)
-            self.agree, self._jump_m = False, abs(self.gap_m)
-            self._level_m, self._level_us = difference_m, time_us
-        elif abs(difference_m - self._level_m) > LEVEL_M:
-            self._level_m, self._level_us = difference_m, time_us
-        elif time_us - self._level_us >= max(STEADY_US, self._until_us - self._since_us):
-            self._latch(difference_m, time_us)
-        self._pairs.append((time_us, baro_m, gnss_m, self.gap_m))
 
-    def _latch(self, difference_m: float, since_us: int) -> None:
-        self.difference_m, self._agreed_sd_m, self._since_us = difference_m, self._sd_m, since_us
-        self.excluded, self.agree, self.gap_m, self._weather_m = None, True, 0.0, 0.0
-        self._agreed_errors_m = self._errors_m.copy()
+@step
+def _compare(a: Rows, time_us: int, baro_m: float, gnss_m: float) -> None:
+    difference_m = gnss_m - baro_m
+    a[0].gap_m = difference_m - a[0].difference_m
+    if math.isnan(a[0].gap_m):
+        _latch(a, difference_m, time_us)
+    elif _is_back(a, time_us):
+        _agree_again(a, difference_m, time_us)
+    elif a[0].agree:
+        a[0].excluded = _mover(a, time_us, baro_m, gnss_m)
+        a[0].agree, a[0].jump_m = 0, abs(a[0].gap_m)
+        a[0].level_m, a[0].level_us = difference_m, time_us
+    elif abs(difference_m - a[0].level_m) > LEVEL_M:
+        a[0].level_m, a[0].level_us = difference_m, time_us
+    elif time_us - a[0].level_us >= max(STEADY_US, a[0].until_us - a[0].since_us):
+        _latch(a, difference_m, time_us)
+    place = a[0].pairs_next
+    a[0].pairs_us[place] = time_us
+    a[0].pairs_m[place, 0], a[0].pairs_m[place, 1] = baro_m, gnss_m
+    a[0].pairs_m[place, 2] = a[0].gap_m
+    a[0].pairs_next = (place + 1) % PAIRS
+    a[0].pairs_count = min(PAIRS, a[0].pairs_count + 1)
 
-    def _mover(self, time_us: int, baro_m: float, gnss_m: float) -> Kind | None:
-        """The sensor that left the common trend; None when neither left it alone and fast."""
-        if time_us - self._changed_us > 2 * FRESH_US:
-            return Kind.PRESSURE  # it repeats one value
-        near = [pair for pair in self._pairs if abs(pair[3]) <= 0.5 * self.limit_m]
-        if not near or time_us - near[-1][0] > FAST_US:
-            return None
-        start, before = near[-1], next(p for p in near if near[-1][0] - p[0] <= FAST_US)
-        rate = (start[1] - before[1]) / max(1, start[0] - before[0])
-        baro_m, gnss_m = (
-            abs(now_m - then_m - rate * (time_us - start[0]))
-            for now_m, then_m in ((baro_m, start[1]), (gnss_m, start[2]))
-        )
-        if max(baro_m, gnss_m) < 2.0 * min(baro_m, gnss_m):
-            return None
-        return Kind.GNSS if gnss_m > baro_m else Kind.PRESSURE
 
-    def _is_back(self, time_us: int) -> bool:
-        """Whether both agree: a jump that was seen ends by a jump back, not by drift."""
-        gap_m = abs(self.gap_m)
-        if self.excluded is None or gap_m <= SIGMAS * self._sd_m:
-            return gap_m <= self.limit_m
-        recent = [abs(pair[3]) for pair in self._pairs if time_us - pair[0] <= YOUNG_US]
-        jump_m = max(recent, default=abs(self._pairs[-1][3])) - gap_m
-        return gap_m <= self.limit_m and jump_m >= 0.5 * self._jump_m
+@step
+def _agree_again(a: Rows, difference_m: float, time_us: int) -> None:
+    """The two agree: the agreed difference follows within the drift that is possible."""
+    a[0].excluded, a[0].agree, a[0].until_us = NONE, 1, time_us
+    a[0].difference_m += math.copysign(min(abs(a[0].gap_m), _drift_m(a)), a[0].gap_m)
+    a[0].weather_m = 0.0
+    for k in range(2):
+        if _swing_m(a, k) > 0.0:
+            a[0].agreed_errors_m[k] = a[0].errors_m[k]
+    if time_us - a[0].since_us < YOUNG_US or a[0].sd_m < 0.5 * a[0].agreed_sd_m:
+        _latch(a, difference_m, a[0].since_us)
 
-    def _drift_m(self) -> float:
-        """Largest change of the difference since it was agreed, m."""
-        return self._weather_m + self._swing_m(0) + self._swing_m(1)
 
-    def _swing_m(self, k: int) -> float:
-        """Change of an error term since the agreement; 0 below 1 m, where noise would add up."""
-        swing_m = abs(self._errors_m[k] - self._agreed_errors_m[k])
-        return swing_m if swing_m > SWING_M else 0.0
+@step
+def _latch(a: Rows, difference_m: float, since_us: int) -> None:
+    a[0].difference_m, a[0].agreed_sd_m, a[0].since_us = difference_m, a[0].sd_m, since_us
+    a[0].excluded, a[0].agree = NONE, 1
+    a[0].gap_m, a[0].weather_m = 0.0, 0.0
+    for k in range(2):
+        a[0].agreed_errors_m[k] = a[0].errors_m[k]
 
-    def _is_other(self, kind: Kind, row: Rows, last_us: int) -> bool:
-        """Whether the row is late, or of another sensor than the one followed, which is alive."""
-        instance, time_us = int(row["instance"][0]), int(row["time_us"][0])
-        if instance != self._instances[kind]:
-            if time_us - last_us <= FRESH_US:
-                return True
-            self._instances[kind], self.difference_m = instance, math.nan
-        return time_us < last_us
+
+@step
+def _mover(a: Rows, time_us: int, baro_m: float, gnss_m: float) -> int:
+    """The sensor that left the common trend; NONE when neither left it alone and fast."""
+    if time_us - a[0].changed_us > 2 * FRESH_US:
+        return BARO  # it repeats one value
+    near_m = 0.5 * limit_m(a)
+    start = before = -1  # the newest pair near the agreement, and the oldest within `FAST_US` of it
+    for back in range(a[0].pairs_count):
+        place = (a[0].pairs_next - 1 - back) % PAIRS
+        if abs(a[0].pairs_m[place, 2]) <= near_m:
+            if start < 0:
+                start = place
+            if a[0].pairs_us[start] - a[0].pairs_us[place] <= FAST_US:
+                before = place
+    if start < 0 or time_us - a[0].pairs_us[start] > FAST_US:
+        return NONE
+    climbed_m = a[0].pairs_m[start, 0] - a[0].pairs_m[before, 0]
+    rate = climbed_m / max(1, a[0].pairs_us[start] - a[0].pairs_us[before])
+    trend_m = rate * (time_us - a[0].pairs_us[start])
+    baro_off_m = abs(baro_m - a[0].pairs_m[start, 0] - trend_m)
+    gnss_off_m = abs(gnss_m - a[0].pairs_m[start, 1] - trend_m)
+    if max(baro_off_m, gnss_off_m) < 2.0 * min(baro_off_m, gnss_off_m):
+        return NONE
+    return GNSS if gnss_off_m > baro_off_m else BARO
+
+
+@step
+def _is_back(a: Rows, time_us: int) -> bool:
+    """Whether both agree: a jump that was seen ends by a jump back, not by drift."""
+    gap_m = abs(a[0].gap_m)
+    if a[0].excluded == NONE or gap_m <= SIGMAS * a[0].sd_m:
+        return gap_m <= limit_m(a)
+    largest_m = -1.0
+    for back in range(a[0].pairs_count):
+        place = (a[0].pairs_next - 1 - back) % PAIRS
+        if time_us - a[0].pairs_us[place] <= YOUNG_US:
+            largest_m = max(largest_m, abs(a[0].pairs_m[place, 2]))
+    if largest_m < 0.0:
+        largest_m = abs(a[0].pairs_m[(a[0].pairs_next - 1) % PAIRS, 2])
+    return gap_m <= limit_m(a) and largest_m - gap_m >= 0.5 * a[0].jump_m
+
+
+@step
+def _drift_m(a: Rows) -> float:
+    """Largest change of the difference since it was agreed, m."""
+    return a[0].weather_m + _swing_m(a, BY_HEIGHT) + _swing_m(a, BY_SPEED)
+
+
+@step
+def _swing_m(a: Rows, k: int) -> float:
+    """Change of an error term since the agreement; 0 below 1 m, where noise would add up."""
+    swing_m = abs(a[0].errors_m[k] - a[0].agreed_errors_m[k])
+    return swing_m if swing_m > SWING_M else 0.0

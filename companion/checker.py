@@ -11,75 +11,131 @@ It fails when both sensors are wrong alike, or when the barometer shifts while t
 
 import math
 
-from companion.agreement import FRESH_US, Agreement
-from companion.samples import Kind, Rows
+import numpy as np
+
+from companion.agreement import (
+    AGREEMENT,
+    BARO,
+    FRESH_US,
+    GNSS,
+    NONE,
+    Agreement,
+    follow_fix,
+    follow_pressure,
+    limit_m,
+)
+from companion.jit import step
+from companion.samples import Kind, Rows, rows
+
+__all__ = ["AGREEMENT", "CHECKER", "Checker", "asks_restart", "objection"]
 
 LIMIT_M = 30.0
 """Largest distance of a supported altitude from a sensor: an error of 50 m must not be published,
 less 10 m of unobserved drift and 10 m of GNSS error."""
 RESTART_US = 10_000_000
+NEVER_US = -(1 << 62)
+
+NO_OBJECTION, APART, CONTRADICTS, ELLIPSOID = 0, 1, 2, 3
+"""codes of an objection; the last is of the intake (`companion.intake.rows`)"""
+OBJECTIONS = {
+    NO_OBJECTION: "",
+    APART: "barometer and GNSS {:.0f} m apart",
+    CONTRADICTS: "altitude contradicts the sensors",
+    ELLIPSOID: "GNSS of the ellipsoid? {:.0f} m",
+}
+
+CHECKER = np.dtype(
+    [
+        ("restarts", "i8"),
+        ("is_armed", "i8"),  # -1 unknown
+        ("supported_us", "i8"),  # NEVER_US: not supported now
+        ("unsupported_us", "i8"),
+    ],
+    align=True,
+)
 
 
 class Checker:
     """Compares the altitude of an estimator with the samples of its vehicle."""
 
     def __init__(self) -> None:
-        self.restarts = 0
-        """number of restarts of the estimator"""
+        self.state: Rows = rows(CHECKER)
         self.restart()
+
+    @property
+    def restarts(self) -> int:
+        """Number of restarts of the estimator."""
+        return int(self.state["restarts"][0])
 
     def restart(self) -> None:
         """Forget everything: the vehicle started anew."""
         self.sensors = Agreement()
-        self._is_armed: bool | None = None
-        self._supported_us: int | None = None
-        self._unsupported_us: int | None = None
+        self.state["is_armed"] = -1
+        self.state["supported_us"] = self.state["unsupported_us"] = NEVER_US
 
     def sample(self, kind: Kind, row: Rows) -> None:
         """Follow a sample, shape (1,)."""
         if kind is Kind.PRESSURE:
-            self.sensors.pressure(row)
+            follow_pressure(self.sensors.state, row)
         elif kind is Kind.GNSS:
-            self.sensors.fix(row)
+            follow_fix(self.sensors.state, row)
+
+    def judge(self, now_us: int, estimate: Rows) -> tuple[int, float]:
+        """The code of why the altitude of an estimate is not supported, 0 when it is supported or
+        cannot be checked, and the distance of the sensors from each other, m."""
+        sensors, altitude_m = self.sensors.state, float(estimate["altitude_amsl_m"][0])
+        return objection(sensors, now_us, altitude_m), abs(float(sensors["gap_m"][0]))
 
     def objection(self, now_us: int, altitude_m: float) -> str:
         """The reason why the altitude is not supported; empty when it is supported or cannot be
         checked."""
-        sensors = self.sensors
-        (baro_us, baro_m), (gnss_us, gnss_m) = sensors.baro, sensors.gnss
-        by_baro = now_us - baro_us <= FRESH_US and math.isfinite(sensors.difference_m)
-        by_gnss = now_us - gnss_us <= FRESH_US
-        gap_m, unexplained = abs(sensors.gap_m), not sensors.agree and sensors.excluded is None
-        if unexplained and gap_m > max(LIMIT_M, sensors.limit_m):
-            return f"barometer and GNSS {gap_m:.0f} m apart"
-        if not (by_baro or by_gnss):
-            return ""
-        above_m = altitude_m - baro_m - sensors.difference_m
-        follows_gnss = above_m * math.copysign(2.0, sensors.gap_m) > gap_m
-        near_baro = by_baro and abs(above_m) <= sensors.limit_m
-        near_gnss = by_gnss and abs(altitude_m - gnss_m) <= sensors.gnss_limit_m
-        supported = {
-            None: near_baro or near_gnss,
-            Kind.GNSS: near_baro and not follows_gnss,
-            Kind.PRESSURE: near_gnss,
-        }[sensors.excluded]
-        return "" if supported else "altitude contradicts the sensors"
+        sensors = self.sensors.state
+        return OBJECTIONS[objection(sensors, now_us, altitude_m)].format(abs(sensors["gap_m"][0]))
 
     def asks_restart(self, now_us: int, *, supported: bool) -> bool:
         """Whether to restart the estimator now; `supported` is whether its altitude is usable."""
-        if supported:
-            self._unsupported_us = None
-            self._supported_us = now_us if self._supported_us is None else self._supported_us
-            if self._is_armed is None or now_us - self._supported_us >= RESTART_US:
-                self._is_armed = True
-            return False
-        self._supported_us = None
-        if not self.sensors.agree or now_us - self.sensors.gnss[0] > FRESH_US:
-            self._unsupported_us = None
-        elif self._unsupported_us is None:
-            self._unsupported_us = now_us
-        elif self._is_armed and now_us - self._unsupported_us >= RESTART_US:
-            self._is_armed, self._unsupported_us = False, None
-            self.restarts += 1
-            return True
+        return bool(asks_restart(self.state, self.sensors.state, now_us, supported))
+
+
+@step
+def objection(a: Rows, now_us: int, altitude_m: float) -> int:
+    """The code of the reason why the altitude is not supported; `a` is an AGREEMENT row."""
+    by_baro = now_us - a[0].baro_us <= FRESH_US and math.isfinite(a[0].difference_m)
+    by_gnss = now_us - a[0].gnss_us <= FRESH_US
+    gap_m, excluded = abs(a[0].gap_m), a[0].excluded
+    if not a[0].agree and excluded == NONE and gap_m > max(LIMIT_M, limit_m(a)):
+        return APART
+    if not (by_baro or by_gnss):
+        return NO_OBJECTION
+    above_m = altitude_m - a[0].baro_m - a[0].difference_m
+    follows_gnss = above_m * math.copysign(2.0, a[0].gap_m) > gap_m
+    near_baro = by_baro and abs(above_m) <= limit_m(a)
+    near_gnss = by_gnss and abs(altitude_m - a[0].gnss_m) <= a[0].gnss_limit_m
+    supported = near_baro or near_gnss
+    if excluded == GNSS:
+        supported = near_baro and not follows_gnss
+    elif excluded == BARO:
+        supported = near_gnss
+    return NO_OBJECTION if supported else CONTRADICTS
+
+
+@step
+def asks_restart(c: Rows, a: Rows, now_us: int, supported: bool) -> bool:
+    """Whether to restart the estimator now; `c` is a CHECKER row, `a` an AGREEMENT row."""
+    if supported:
+        c[0].unsupported_us = NEVER_US
+        if c[0].supported_us == NEVER_US:
+            c[0].supported_us = now_us
+        if c[0].is_armed < 0 or now_us - c[0].supported_us >= RESTART_US:
+            c[0].is_armed = 1
         return False
+    c[0].supported_us = NEVER_US
+    if not a[0].agree or now_us - a[0].gnss_us > FRESH_US:
+        c[0].unsupported_us = NEVER_US
+    elif c[0].unsupported_us == NEVER_US:
+        c[0].unsupported_us = now_us
+    elif c[0].is_armed == 1 and now_us - c[0].unsupported_us >= RESTART_US:
+        c[0].is_armed, c[0].unsupported_us = 0, NEVER_US
+        c[0].restarts += 1
+        return True
+    return False

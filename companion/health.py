@@ -16,17 +16,16 @@ A turn for the worse takes effect at once (its conditions already wait), one for
 ``recover_s``, or half of it where the vehicle was only silent.
 """
 
-import math
 from collections.abc import Callable, Collection
 from enum import IntEnum
 
 from pydantic import Field
 
+from companion import health_steps as steps
+from companion.checker import OBJECTIONS
 from companion.config import Settings
-from companion.samples import FaultySensor, Kind, Rows, Verdict
-
-ASSESS_US = 100_000
-
+from companion.health_steps import HEALTH, HEALTH_PARAMS, NEVER_US
+from companion.samples import FaultySensor, Kind, Rows, Verdict, rows
 
 EXCLUDED_NAMES = {
     FaultySensor.BAROMETER: "barometer",
@@ -34,8 +33,7 @@ EXCLUDED_NAMES = {
     FaultySensor.IMU: "IMU",
 }
 
-LOWEST_M, HIGHEST_M = -2000.0, 60_000.0
-"""bounds of a possible altitude"""
+SENSORS = ("barometer", "GNSS height")
 
 
 class Health(IntEnum):
@@ -73,58 +71,81 @@ class HealthMonitor:
     """
 
     def __init__(self, settings: HealthSettings, uses: Collection[Kind]) -> None:
-        self.health = Health.LOST
-        self.reason = "nothing heard yet"
-        self.has_altitude = False
-        """whether there is an altitude that is possible, certain enough, and supported"""
         self._settings = settings
-        self._needed = [kind for kind in (Kind.PRESSURE, Kind.GNSS) if kind in uses]
-        self._alive_us: int | None = None
-        self._height_us: int | None = None
-        self._usable_us: int | None = None
-        """the host's clock at the newest frame, barometer or GNSS sample, and used sample of
-        them"""
-        self._silenced = False
-        """whether it is LOST only because the vehicle fell silent"""
-        self._shift_us = 0
-        self._before_us: int | None = None
-        """length of our own interruption, and time of the estimate from before it"""
+        self.params: Rows = rows(HEALTH_PARAMS)
+        for name in ("fresh", "lost", "silent", "recover"):
+            self.params[f"{name}_us"] = getattr(settings, f"{name}_s") * 1e6
+        self.params["sd_ok_m"], self.params["sd_lost_m"] = settings.sd_ok_m, settings.sd_lost_m
+        self.params["needed"][0] = Kind.PRESSURE in uses, Kind.GNSS in uses
+        self.state: Rows = rows(HEALTH)
+        self.state["health"] = Health.LOST
+        for name in ("alive_us", "height_us", "usable_us", "before_us"):
+            self.state[name] = NEVER_US
+        self._heard = ""
+        """the reason while the vehicle is silent: who else is heard"""
         self.restart()
+
+    @property
+    def health(self) -> Health:
+        return Health(int(self.state["health"][0]))
+
+    @property
+    def has_altitude(self) -> bool:
+        """Whether there is an altitude that is possible, certain enough, and supported."""
+        return bool(self.state["has_altitude"][0])
+
+    @property
+    def is_vehicle_silent(self) -> bool:
+        """Whether it is LOST because nothing of the vehicle is heard."""
+        return bool(self.state["reason"][0] == steps.OF_HOST and self.state["detail"][0] == 1)
+
+    @property
+    def reason(self) -> str:
+        """Why the health is what it is."""
+        state, settings = self.state[0], self._settings
+        code, detail, value_m = int(state["reason"]), int(state["detail"]), float(state["value_m"])
+        texts = {
+            steps.NOTHING_YET: "nothing heard yet",
+            steps.NO_ALTITUDE: "no altitude yet",
+            steps.IMPOSSIBLE: "altitude impossible",
+            steps.NO_USABLE: f"no usable height for {settings.lost_s:g} s",
+            steps.UNCERTAIN: f"altitude uncertain by {value_m:.0f} m",
+            steps.MAY_BE_WRONG: f"altitude may be wrong by {value_m:.0f} m",
+            steps.GOOD: f"altitude good to {value_m:.1f} m",
+            steps.OF_HOST: self._silence(detail),
+        }
+        if code == steps.OBJECTED:
+            return OBJECTIONS[detail].format(value_m)
+        if code == steps.EXCLUDED:
+            return _excluded(FaultySensor(detail), int(state["detail_us"]))
+        return _missing(detail) if code == steps.MISSING else texts[code]
 
     def restart(self) -> None:
         """Forget every instant: the vehicle's clock started anew."""
-        self._used_us: dict[Kind, int] = {}
-        self._verdict: dict[Kind, Verdict] = {}
-        self._better_since_us: int | None = None
-        self._assessed_us = -ASSESS_US
+        steps.restart(self.state)
 
     def shift(self, by_us: int) -> None:
         """Shift every instant by the length of our own interruption, in which the vehicle was not
         silent."""
-        self._used_us = {kind: used_us + by_us for kind, used_us in self._used_us.items()}
-        if self._better_since_us is not None:
-            self._better_since_us += by_us
-        self._alive_us = self._height_us = self._usable_us = None
-        self._shift_us, self._before_us = by_us, None
+        state = self.state[0]
+        for k in range(2):
+            if state["used_us"][k] != NEVER_US:
+                state["used_us"][k] += by_us
+        if state["better_since_us"] != NEVER_US:
+            state["better_since_us"] += by_us
+        state["alive_us"] = state["height_us"] = state["usable_us"] = NEVER_US
+        state["shift_us"], state["before_us"] = by_us, NEVER_US
 
     def alive(self, host_us: int) -> None:
         """A frame of the vehicle arrived."""
-        self._alive_us = host_us
-        if self._height_us is None:
-            self._height_us = self._usable_us = host_us
+        steps.alive(self.state, host_us)
 
     def sample(self, kind: Kind, verdict: Verdict, now_us: int, host_us: int) -> None:
         """A sample of the primary instance got this verdict.
 
         `now_us` is the vehicle's clock, `host_us` when the sample arrived.
         """
-        self._verdict[kind] = verdict
-        if kind in self._needed:
-            self._height_us = host_us
-        if verdict is Verdict.USED:
-            self._used_us[kind] = now_us
-            if kind in self._needed:
-                self._usable_us = host_us
+        steps.heard(self.state, self.params, kind, verdict, now_us, host_us)
 
     def age(self, host_us: int, others: Callable[[], str]) -> bool:
         """Set health to LOST when the vehicle has been silent on the host's clock; True when it
@@ -132,111 +153,42 @@ class HealthMonitor:
 
         `others` tells who else is heard.
         """
-        if self._alive_us is None or self._height_us is None or self._usable_us is None:
+        silence = steps.silence(self.state, self.params, host_us)
+        if not silence:
             return False
-        silent_us = self._settings.silent_s * 1e6
-        no_height = bool(self._needed) and host_us - self._height_us > silent_us
-        if host_us - self._alive_us > (0.5 * silent_us if no_height else silent_us):
+        changed = self.health is not Health.LOST
+        if silence == 1:
             heard = others()
-            self._silenced = self._silenced or self.health is not Health.LOST
-            return self.lose(f"vehicle silent, heard: {heard}" if heard else "nothing heard")
-        if no_height:
-            return self.lose("vehicle heard, but no barometer and no GNSS")
-        if not self._needed:
-            return False
-        if host_us - self._usable_us > max(self._settings.lost_s * 1e6, silent_us):
-            return self.lose(f"no usable height for {self._settings.lost_s:g} s")
-        return False
+            self._heard = f"vehicle silent, heard: {heard}" if heard else "nothing heard"
+            if changed:
+                self.state["silenced"] = 1
+        steps.lose(self.state, silence)
+        return changed
 
     def is_due(self, now_us: int) -> bool:
         """Whether the last assessment is old enough for one without a new measurement."""
-        return not 0 <= now_us - self._assessed_us < ASSESS_US
+        return bool(steps.is_due(self.state, now_us))
 
-    def assess(self, now_us: int, estimate: Rows, objection: str = "") -> bool:
+    def assess(self, now_us: int, estimate: Rows, objection: int = 0, value_m: float = 0.0) -> bool:
         """Bring `health` and `reason` up to date; True when the health changed.
 
-        `objection` is why the sensors do not support the altitude; empty when they do.
+        `objection` is the code (`companion.checker.OBJECTIONS`) of why the sensors do not support
+        the altitude, with the size that its text names; 0 when they do.
         """
-        self._assessed_us = now_us
-        health, reason = self._judge(now_us, estimate, objection)
-        self._silenced = self._silenced and self.has_altitude
-        if health >= self.health:
-            self._better_since_us = None
-        else:
-            if self._better_since_us is None or self._better_since_us > now_us:
-                self._better_since_us = now_us
-            if now_us - self._better_since_us < self._recovery_us:
-                return False
-            self._better_since_us, self._silenced = None, False
-        changed = health is not self.health
-        self.health, self.reason = health, reason
-        return changed
+        return bool(steps.assess(self.state, self.params, now_us, estimate, objection, value_m))
 
-    def _continued(self, estimate_us: int) -> int:
-        """The time of an estimate; one from before our own interruption is as old as it was then,
-        until the first sample renews it."""
-        if not self._shift_us:
-            return estimate_us
-        if self._before_us is None:
-            self._before_us = estimate_us
-        if estimate_us != self._before_us:
-            self._shift_us = 0
-        return estimate_us + self._shift_us
+    def _silence(self, code: int) -> str:
+        if code == 2:
+            return "vehicle heard, but no barometer and no GNSS"
+        return f"no usable height for {self._settings.lost_s:g} s" if code == 3 else self._heard
 
-    @property
-    def _recovery_us(self) -> float:
-        """How long a turn for the better must last: half as long after a mere silence, such as a
-        cable that was unplugged, since nothing spoke against the height then."""
-        return self._settings.recover_s * (0.5e6 if self._silenced else 1e6)
 
-    def lose(self, reason: str) -> bool:
-        """Health is LOST by the host's clock; True when it changed."""
-        changed = self.health is not Health.LOST
-        self.health, self.reason, self._better_since_us = Health.LOST, reason, None
-        return changed
-
-    def _judge(self, now_us: int, estimate: Rows, objection: str) -> tuple[Health, str]:
-        settings, value = self._settings, estimate[0]
-        altitude_m, sd_m = float(value["altitude_amsl_m"]), float(value["altitude_sd_m"])
-        self.has_altitude = not objection and LOWEST_M <= altitude_m <= HIGHEST_M
-        level_m = float(value["protection_level_m"])
-        alert = level_m > float(value["alert_limit_m"])  # False of an estimator without a level
-        self.has_altitude &= sd_m <= settings.sd_lost_m and not alert
-        if not (math.isfinite(altitude_m) and math.isfinite(sd_m)):
-            return Health.LOST, self._missing(now_us) or "no altitude yet"
-        if not LOWEST_M <= altitude_m <= HIGHEST_M:
-            return Health.LOST, "altitude impossible"
-        estimate_us = self._continued(int(value["time_us"]))
-        heights_us = (self._used_us[kind] for kind in self._needed if kind in self._used_us)
-        newest_us = min(
-            estimate_us, max(heights_us, default=estimate_us)
-        )  # an inertial estimate goes on without any
-        if now_us - newest_us > settings.lost_s * 1e6:
-            return Health.LOST, f"no usable height for {settings.lost_s:g} s"
-        if objection:
-            return Health.LOST, objection
-        if sd_m > settings.sd_lost_m:
-            return Health.LOST, f"altitude uncertain by {sd_m:.0f} m"
-        if alert:
-            return Health.LOST, f"altitude may be wrong by {level_m:.0f} m"
-        problem = excluded(estimate) or self._missing(now_us)
-        if problem:
-            return Health.DEGRADED, problem
-        if sd_m > settings.sd_ok_m:
-            return Health.DEGRADED, f"altitude uncertain by {sd_m:.0f} m"
-        return Health.OK, f"altitude good to {sd_m:.1f} m"
-
-    def _missing(self, now_us: int) -> str:
-        for kind in self._needed:
-            used_us = self._used_us.get(kind)
-            if used_us is not None and now_us - used_us <= self._settings.fresh_s * 1e6:
-                continue
-            verdict = self._verdict.get(kind)
-            name = "barometer" if kind is Kind.PRESSURE else "GNSS height"
-            if verdict is None:
-                return f"no {name}"
-            return f"{name} {'silent' if verdict is Verdict.USED else verdict.name.lower()}"
-        return ""
+def _missing(code: int) -> str:
+    """Text of a code of `health_steps`: which sensor is missing, and its last verdict."""
+    name, verdict = SENSORS[code // 8], code % 8
+    if verdict == 7:
+        return f"no {name}"
+    return f"{name} {'silent' if verdict == Verdict.USED else Verdict(verdict).name.lower()}"
 
 
 def excluded(estimate: Rows) -> str:
@@ -245,5 +197,8 @@ def excluded(estimate: Rows) -> str:
     sensor = FaultySensor(int(estimate[0]["faulty"]))
     if sensor is FaultySensor.NONE:
         return ""
-    since_s = max(0, int(estimate[0]["faulty_since_us"])) * 1e-6
-    return f"{EXCLUDED_NAMES[sensor]} excluded since {since_s:.0f} s"
+    return _excluded(sensor, int(estimate[0]["faulty_since_us"]))
+
+
+def _excluded(sensor: FaultySensor, since_us: int) -> str:
+    return f"{EXCLUDED_NAMES[sensor]} excluded since {max(0, since_us) * 1e-6:.0f} s"

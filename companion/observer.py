@@ -1,9 +1,12 @@
 """`Observer`: what evaluation, CSV output and tests may see of a pipeline."""
 
-from typing import Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
 
 from companion.mavlink.codec import Message
-from companion.samples import Kind, Rows, Verdict
+from companion.samples import HEIGHT, Kind, Rows, Tables, Verdict
 
 
 class Observer(Protocol):
@@ -20,3 +23,36 @@ class Observer(Protocol):
 
     def published(self, message: Message) -> None:
         """An ALTITUDE of ours went out."""
+
+
+class Block(NamedTuple):
+    """What happened in a piece of a log; shape (n,) with a value for each sample in order."""
+
+    tables: Tables
+    """the samples, in the order of their arrival"""
+    verdicts: NDArray[np.int64]
+    estimates: Rows
+    """ESTIMATE rows: as each sample left them"""
+    now_us: NDArray[np.int64]
+    """the vehicle's clock"""
+    unix_us: NDArray[np.int64]
+    """UNIX time minus boot time as the vehicle said it; far below 0 where it did not"""
+    health: NDArray[np.int64]
+    """`Health` before what the sample changed of it"""
+    truth: Rows
+    """HEIGHT rows of a simulator's truth"""
+    autopilot: Rows
+    """HEIGHT rows of the autopilot's own"""
+    published: int
+    """number of ALTITUDE of ours"""
+
+
+@runtime_checkable
+class BlockObserver(Observer, Protocol):
+    """An observer that takes many samples at once: a log is replayed in compiled loops for it."""
+
+    def block(self, block: Block) -> None:
+        """Many samples; equal to the calls of the other methods, one at a time."""
+
+
+NO_HEIGHTS = np.zeros(0, HEIGHT)

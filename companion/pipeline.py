@@ -58,6 +58,8 @@ class Pipeline:
     signing : signs what is sent and refuses what is not signed; None: neither.
     """
 
+    estimates = True  # whether samples reach the estimator
+
     def __init__(
         self,
         settings: CompanionSettings,
@@ -71,7 +73,7 @@ class Pipeline:
     ) -> None:
         self.settings = settings
         self.signing = signing
-        self._sends = sends
+        self.sends = sends
         self.decoder = Decoder(datagrams=datagrams)
         self.identity = Identity(
             settings.vehicle.system_id,
@@ -89,7 +91,7 @@ class Pipeline:
         """messages of the vehicle by id"""
         self.frames: list[Frame] = []
         """the frames of the last packet"""
-        self._listeners = dict(listeners or {})
+        self.listeners = dict(listeners or {})
         self._encoders: dict[tuple[int, int], Encoder] = {}
         self.commands, self._host_us = Commands(intervals(settings.publish)), 0
         self.parameters = Parameters(
@@ -97,7 +99,7 @@ class Pipeline:
         )
         self._requests = Requests(self.parameters, self.commands)
         self._wanted = self.readings.message_ids | {SYSTEM_TIME, ALTITUDE, GLOBAL_POSITION_INT}
-        self._wanted |= self._listeners.keys()
+        self._wanted |= self.listeners.keys()
         if self.feedback.knob is not None:
             self._wanted.add(PARAM_VALUE)
         self.observe(observer)
@@ -145,7 +147,7 @@ class Pipeline:
 
     def listen(self, message_id: int, listener: Callable[[Message], None]) -> None:
         """Call `listener` for each message of this id, in place of the one before."""
-        self._listeners[message_id] = listener
+        self.listeners[message_id] = listener
         self._wanted.add(message_id)
 
     def branch(self, observer: Observer) -> "Pipeline":
@@ -156,7 +158,7 @@ class Pipeline:
         """
         shared = (self.decoder, self._observer, *self._encoders.values())
         other = copy.deepcopy(self, {id(each): each for each in shared})
-        other._sends = False
+        other.sends = False
         other.observe(observer)
         return other
 
@@ -284,7 +286,7 @@ class Pipeline:
         return self._encode(answers) if answers else []
 
     def _message(self, message: Message, message_id: int, arrival_us: int) -> list[bytes]:
-        listener, receivers = self._listeners.get(message_id), (0, self.identity.component_id)
+        listener, receivers = self.listeners.get(message_id), (0, self.identity.component_id)
         if listener is not None and getattr(message, "target_component", 0) in receivers:
             listener(message)  # an answer to somebody else's request is not ours
         if message_id == HEARTBEAT:
@@ -356,9 +358,8 @@ class Pipeline:
         messages: list[Message] = []
         changed = False
         if used or self.health.is_due(now_us):
-            altitude_m = float(estimate[0]["altitude_amsl_m"])
-            objection = self.intake.objection or self.checker.objection(now_us, altitude_m)
-            changed = self.health.assess(now_us, estimate, objection)
+            objection = self.intake.objection or self.checker.judge(now_us, estimate)
+            changed = self.health.assess(now_us, estimate, *objection)
             self.announcements.excluded(estimate)
             if self.checker.asks_restart(now_us, supported=self.health.has_altitude):
                 self._restart_estimator()
@@ -370,7 +371,7 @@ class Pipeline:
                 messages.append(altitude)
                 if self._observer is not None:
                     self._observer.published(altitude)
-        if not self._sends:
+        if not self.sends:
             return []
         if changed:
             self.announcements.health(self.health)
@@ -389,7 +390,7 @@ class Pipeline:
         self.announcements.restart(reason, self.checker.restarts)
 
     def _encode(self, messages: list[Message]) -> list[bytes]:
-        if not self._sends:
+        if not self.sends:
             return []
         self.commands.sent(messages, self._host_us)
         own = self.identity.own

@@ -252,6 +252,16 @@ class _Column:
         self.size += 1
         return self.size - 1
 
+    def extend(self, rows: Rows) -> int:
+        """Add many; the place of the first."""
+        first, needed = self.size, self.size + rows.size
+        if needed > self.array.size:
+            more = np.zeros(max(needed - self.array.size, self.size), self.array.dtype)
+            self.array = np.concatenate([self.array, more])
+        self.array[first:needed] = rows
+        self.size = needed
+        return first
+
     def view(self) -> Rows:
         return readable(self.array[: self.size])
 
@@ -292,6 +302,25 @@ class SampleLog:
     def append(self, kind: Kind, row: Rows) -> None:
         """Add a one-element array of ``DTYPES[kind]``."""
         self._order.append((kind, self._columns[kind].append(row[0])))
+
+    def extend(self, tables: Tables) -> None:
+        """Add the samples of other tables, in their order."""
+        kinds, places = np.asarray(tables.order["kind"]), np.asarray(tables.order["row"])
+        order = np.zeros(kinds.size, ORDER)
+        order["kind"] = kinds
+        for kind in np.unique(kinds).tolist():
+            chosen = kinds == kind
+            first = self._columns[Kind(kind)].extend(np.asarray(tables[1 + kind])[places[chosen]])
+            order["row"][chosen] = first + np.arange(int(chosen.sum()))
+        self._order.extend(order)
+
+    def extend_truth(self, heights: Rows) -> None:
+        """Add HEIGHT rows of a simulator's truth."""
+        self._truth.extend(heights)
+
+    def extend_autopilot(self, heights: Rows) -> None:
+        """Add HEIGHT rows of the autopilot's own estimate."""
+        self._autopilot.extend(heights)
 
     def append_truth(self, height: tuple[int, float, float]) -> None:
         """Add (time_us, altitude_amsl_m, climb_mps) of a simulator's truth."""

@@ -41,5 +41,13 @@ def warm_up(settings: CompanionSettings) -> None:
 
 
 def warm_up_loop(method: Method) -> None:
-    """Compile the loop of an estimator over a whole log."""
+    """Compile the loops over a whole log: that of an estimator, and those around it."""
     run_log(method, SampleLog())
+    warm_up_blocks()
+
+
+def warm_up_blocks() -> None:
+    """Compile the loops of a replay around the estimator's."""
+    from companion.replay.blocks import BlockRunner
+
+    BlockRunner(Pipeline(CompanionSettings(), sends=False), lambda *_: None).compile()

@@ -124,8 +124,8 @@ class _Follower:
         """Assess the health; whether the estimator must start anew."""
         if verdict is not Verdict.USED and not self.monitor.is_due(now_us):
             return False
-        objection = self._checker.objection(now_us, float(estimate["altitude_amsl_m"][0]))
-        self.monitor.assess(now_us, estimate, objection)
+        objection = self._checker.judge(now_us, estimate)
+        self.monitor.assess(now_us, estimate, *objection)
         return self._checker.asks_restart(now_us, supported=self.monitor.has_altitude)
 
     def sends(self, verdict: Verdict, now_us: int, estimate: Rows) -> bool:

@@ -4,9 +4,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 from companion.logs import open_log
+from companion.logs.tlog import TlogReader
 from companion.mavlink.codec import Message
-from companion.observer import Observer
+from companion.observer import Block, Observer
 from companion.pipeline import Pipeline
+from companion.replay.blocks import BlockRunner
 from companion.samples import Kind, Rows, SampleLog, Verdict
 from companion.settings import CompanionSettings
 
@@ -36,14 +38,30 @@ class Tap:
     def published(self, message: Message) -> None:
         """Not a sample."""
 
+    def block(self, block: Block) -> None:
+        self.log.extend(block.tables)
+        for heights, extend in (
+            (block.truth, self.log.extend_truth),
+            (block.autopilot, self.log.extend_autopilot),
+        ):
+            moved = heights.copy()
+            moved["time_us"] += self._boot_us
+            extend(moved)
+
 
 class Sampler(Pipeline):
     """A pipeline without an estimator: it ends with the sample rows."""
 
+    estimates = False
+
     def __init__(self, settings: CompanionSettings, observer: Observer) -> None:
         super().__init__(settings, datagrams=True, observer=observer, sends=False)
 
-    def _step(self, kind: Kind, instance: int, row: Rows) -> list[bytes]:
+    def _sample(self, kind: Kind, row: Rows) -> list[bytes]:
+        known = self.air.follow(kind, row, self.now_us)
+        if known is not None:
+            self._sample(Kind.AIR, self.intake.air(known, row))
+        self.identity.measured(kind)
         self.verdicts[kind][Verdict.IGNORED] += 1
         if self._observer is not None:
             self._observer.sample(kind, row, Verdict.IGNORED, self.estimate)
@@ -66,6 +84,14 @@ def samples_of(
     tap = Tap()
     pipeline = Sampler(settings or CompanionSettings(), tap)
     reader = open_log(path)
+    if isinstance(reader, TlogReader):
+        runner = BlockRunner(pipeline, lambda time_us, frame: pipeline.feed_item(frame, time_us))
+        for batch in reader.batches():
+            runner.run(batch, lambda: tap)
+            reader.passed(batch)
+            if on_progress is not None:
+                on_progress(reader.position_bytes / max(1, reader.size_bytes))
+        return tap.log
     for count, (time_us, frame) in enumerate(reader.items(pipeline.wanted)):
         pipeline.feed_item(frame, time_us)
         if on_progress is not None and count % 5000 == 0:

@@ -6,14 +6,14 @@ then change their numbers, until the vehicle restarts.
 """
 
 import logging
-import math
 
-from companion.samples import Kind, Rows
+from companion.intake import receiver_steps as steps
+from companion.intake.receiver_steps import NONE_US, PRIMARY
+from companion.samples import Kind, Rows, rows
 
 logger = logging.getLogger("kollsman.intake")
 
-WAIT_US = 2_000_000
-LEAST_PA = 100.0
+NAMES = {Kind.GNSS: "GNSS receiver", Kind.PRESSURE: "barometer"}
 
 
 class Primary:
@@ -21,30 +21,14 @@ class Primary:
 
     def __init__(self, kind: Kind) -> None:
         self._kind = kind
-        self._first: int | None = None
-        self._zero_heard = False
-        self._since_us: int | None = None
+        self.state: Rows = rows(PRIMARY)
+        self.state["first"], self.state["since_us"] = -1, NONE_US
 
     def number(self, row: Rows) -> None:
         """Give a row, shape (1,), the number of its sensor among its kind."""
-        instance, time_us = int(row["instance"][0]), int(row["time_us"][0])
-        if self._first is None and self._works(row):
-            self._since_us = time_us if self._since_us is None else self._since_us
-            if instance == 0 or self._zero_heard or time_us - self._since_us >= WAIT_US:
-                self._first = instance
-                if instance:
-                    logger.warning(
-                        "%s 1 has no value: number %d is used", self._name(), instance + 1
-                    )
-        self._zero_heard |= instance == 0
-        if self._first and instance in (0, self._first):
-            row["instance"] = self._first - instance
-
-    def _works(self, row: Rows) -> bool:
-        if self._kind is Kind.GNSS:
-            value = row[0]
-            return bool(value["fix_type"] >= 3 and math.isfinite(value["altitude_amsl_m"]))
-        return bool(row[0]["pressure_pa"] > LEAST_PA)
-
-    def _name(self) -> str:
-        return "GNSS receiver" if self._kind is Kind.GNSS else "barometer"
+        is_gnss = self._kind is Kind.GNSS
+        works = steps.fix_works(row) if is_gnss else steps.pressure_works(row)
+        instance = int(row["instance"][0])
+        if steps.number(self.state, row, works):
+            name = NAMES[self._kind]
+            logger.warning("%s 1 has no value: number %d is used", name, instance + 1)

@@ -9,8 +9,10 @@ import math
 from collections import Counter
 from enum import StrEnum
 
+from companion.checker import ELLIPSOID
 from companion.intake.primary import Primary
 from companion.intake.receivers import Receiver
+from companion.intake.row_steps import INTAKE, INTAKE_PARAMS, LARGEST_DOUBT_M, air_time
 from companion.intake.screening import DatumScreen
 from companion.intake.settings import IntakeSettings
 from companion.intake.vehicle_clock import Clockwork, VehicleClock
@@ -19,11 +21,6 @@ from companion.mavlink.convert import ZERO_CELSIUS_K, Reading
 from companion.samples import DTYPES, MAX_INSTANCES, Kind, Rows, rows
 
 logger = logging.getLogger("kollsman.intake")
-
-
-LARGEST_DOUBT_M = 30.0
-"""Largest common error of the fixes that may be published: estimators assume that errors average
-out."""
 
 
 class SampleReject(StrEnum):
@@ -43,27 +40,29 @@ class Intake:
         self._settings = settings
         self._begin()
         self.counters: Counter[SampleReject] = Counter()
-        self._latency_us = round(settings.gnss_latency_s * 1e6)
-        self._air_us = -1
-        self._air_excess_k = settings.air_temperature_excess_k
+        self.state: Rows = rows(INTAKE)
+        self.state["air_us"] = -1
+        self.params: Rows = rows(INTAKE_PARAMS)
+        self.params["latency_us"] = round(settings.gnss_latency_s * 1e6)
+        self.params["air_excess_k"] = settings.air_temperature_excess_k
         self._rows = {kind: rows(dtype) for kind, dtype in DTYPES.items()}
 
     @property
-    def objection(self) -> str:
-        """The reason why no altitude of this receiver may be published; empty when there is
-        none."""
-        doubt_m = self._receivers[0].doubt_m
-        return f"GNSS of the ellipsoid? {doubt_m:.0f} m" if doubt_m > LARGEST_DOUBT_M else ""
+    def objection(self) -> tuple[int, float] | None:
+        """The reason why no altitude of this receiver may be published, as a code of
+        `companion.checker.OBJECTIONS` and a size; None when there is none."""
+        doubt_m = self.receivers[0].doubt_m
+        return (ELLIPSOID, doubt_m) if doubt_m > LARGEST_DOUBT_M else None
 
     @property
     def notes(self) -> list[str]:
         """What was found to be wrong with the receivers' heights, one line each."""
-        return [note for receiver in self._receivers for note in receiver.notes]
+        return [note for receiver in self.receivers for note in receiver.notes]
 
     def _begin(self) -> None:
         """Forget the sensors: the vehicle starts."""
-        self._primaries = {kind: Primary(kind) for kind in (Kind.PRESSURE, Kind.GNSS)}
-        self._receivers = [Receiver(k, self._settings) for k in range(MAX_INSTANCES)]
+        self.primaries = {kind: Primary(kind) for kind in (Kind.PRESSURE, Kind.GNSS)}
+        self.receivers = [Receiver(k, self._settings) for k in range(MAX_INSTANCES)]
 
     def place(
         self, reading: Reading, source: int, arrival_us: int
@@ -89,16 +88,16 @@ class Intake:
         next of its kind."""
         row = self._rows[reading.kind]
         if reading.kind is Kind.GNSS:
-            time_us -= self._latency_us
+            time_us -= int(self.params["latency_us"][0])
         elif reading.kind is Kind.AIR:
             time_us = self._air_time(time_us)
         row[0] = (time_us, arrival_us, reading.instance, *reading.values, *unsaid(reading))
         if reading.kind is Kind.GNSS:
-            self._receivers[reading.instance].check(row, self.datum.baro_m(time_us))
-        if reading.kind in self._primaries:
-            self._primaries[reading.kind].number(row)
+            self.receivers[reading.instance].check(row, self.datum.baro_m(time_us))
+        if reading.kind in self.primaries:
+            self.primaries[reading.kind].number(row)
         if reading.kind is Kind.AIR:
-            row["air_temperature_k"] -= self._air_excess_k
+            row["air_temperature_k"] -= self.params["air_excess_k"]
         if reading.kind is Kind.PRESSURE:
             self.datum.pressure(row)
         elif reading.kind is Kind.GNSS:
@@ -127,8 +126,7 @@ class Intake:
 
     def _air_time(self, time_us: int) -> int:
         """Samples of the air come from several sources: each is newer than the one before."""
-        self._air_us = time_us if time_us > self._air_us else self._air_us + 1
-        return self._air_us
+        return int(air_time(self.state, time_us))
 
     def _reboot(self, time_us: int, arrival_us: int) -> Rows:
         logger.warning("the vehicle's clock restarted at %.1f s: starting anew", time_us * 1e-6)

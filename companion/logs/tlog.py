@@ -93,27 +93,41 @@ class TlogReader:
 
         Many times faster than decoding packets one at a time, with the same result.
         """
-        for batch in self._batches(math.inf):
-            index = batch.rows
-            decoded: list[Any] = [None] * index.size
-            for message_id in set(np.unique(index["message_id"]).tolist()) & set(wanted):
-                where = np.flatnonzero(index["message_id"] == message_id)
-                found = messages(batch.data, index[where], message_id)
-                for place, message in zip(where.tolist(), found, strict=False):
-                    decoded[place] = message
-            fields = [index[name].tolist() for name in FRAME_FIELDS]
-            fields[-1] = list(map(bool, fields[-1]))
-            for packet, frame in zip(
-                self._emit(batch), zip(*fields, decoded, strict=True), strict=True
-            ):
-                yield packet.time_us, Frame(packet.data, *frame)
+        for batch in self.batches():
+            yield from self.items_of(batch, wanted)
+
+    def batches(self) -> "Iterator[Batch]":
+        """The good records, one chunk of the file after the other."""
+        return self._batches(math.inf)
+
+    def items_of(self, batch: "Batch", wanted: Collection[int]) -> Iterator[tuple[int, Frame]]:
+        """(time_us, frame) of the records of a batch; frames of `wanted` kinds carry their
+        message."""
+        index = batch.rows
+        decoded: list[Any] = [None] * index.size
+        for message_id in set(np.unique(index["message_id"]).tolist()) & set(wanted):
+            where = np.flatnonzero(index["message_id"] == message_id)
+            found = messages(batch.data, index[where], message_id)
+            for place, message in zip(where.tolist(), found, strict=False):
+                decoded[place] = message
+        fields = [index[name].tolist() for name in FRAME_FIELDS]
+        fields[-1] = list(map(bool, fields[-1]))
+        for packet, frame in zip(
+            self._emit(batch), zip(*fields, decoded, strict=True), strict=True
+        ):
+            yield packet.time_us, Frame(packet.data, *frame)
+
+    def passed(self, batch: "Batch") -> None:
+        """The records of a batch were taken without `items_of`."""
+        self.frames += batch.rows.size
+        self.position_bytes = self._read_bytes
 
     def _restart(self) -> None:
         self.counters.clear()
         self.frames = 0
         self.position_bytes = 0
         """how far the iteration is, of ``size_bytes``"""
-        self._read_bytes = 0
+        self._read_bytes: int = 0
         self._time_us: int | None = None
         self._lost = False
 
@@ -121,7 +135,7 @@ class TlogReader:
         for batch in self._batches(stop_bytes):
             yield from self._emit(batch)
 
-    def _emit(self, batch: "_Batch") -> Iterator[Packet]:
+    def _emit(self, batch: "Batch") -> Iterator[Packet]:
         """The packets of a batch, with the position moved along."""
         ends = batch.rows["stop"].tolist()
         starts = batch.rows["start"].tolist()
@@ -131,7 +145,7 @@ class TlogReader:
             yield Packet(time_us, batch.buffer[start:end])
         self.position_bytes = self._read_bytes
 
-    def _batches(self, stop_bytes: float) -> "Generator[_Batch, None, None]":
+    def _batches(self, stop_bytes: float) -> "Generator[Batch, None, None]":
         """The records of one chunk of the file after the other."""
         self._restart()
         with opened(self.path) as file:
@@ -147,7 +161,7 @@ class TlogReader:
                 count, offset = self._index(buffer, data, limit, index)
                 index["time_us"][:count] *= self._unit_us
                 start, self._read_bytes = self._read_bytes, self._read_bytes + offset
-                yield _Batch(buffer, data, index[:count], start)
+                yield Batch(buffer, data, index[:count], start)
                 buffer = buffer[offset:]
 
     def _index(
@@ -288,7 +302,7 @@ def _this_century(stamp: int) -> bool:
     return any(_MILLISECONDS[0] * scale < stamp < _MILLISECONDS[1] * scale for scale in (1, 1000))
 
 
-class _Batch(NamedTuple):
+class Batch(NamedTuple):
     """The good records of one chunk."""
 
     buffer: bytes
@@ -297,6 +311,13 @@ class _Batch(NamedTuple):
     rows: Rows
     position_bytes: int
     """of the chunk in the file"""
+
+    def frame(self, place: int) -> tuple[int, Frame]:
+        """(time_us, frame) of one record."""
+        row = self.rows[place]
+        data = self.buffer[int(row["start"]) : int(row["stop"])]
+        frame = Frame(data, *(int(row[name]) for name in FRAME_FIELDS))  # type: ignore[arg-type]
+        return int(row["time_us"]), frame._replace(signed=bool(frame.signed))
 
 
 class TlogWriter:

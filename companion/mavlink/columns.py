@@ -1,9 +1,9 @@
 """Payloads of a message kind as typed columns, and as light messages with the same attributes.
 
 The layouts are made at run time from pymavlink's dialect table, never written down here. Only kinds
-whose fields are all single numbers have columns; texts and arrays are decoded one at a time by
-`companion.mavlink.codec.decode`. A light message is a named tuple of the fields' values as
-pymavlink decodes them: zeros that MAVLink 2 left out and missing extension fields are 0.
+without texts have columns, and only those without arrays light messages; the others are decoded
+one at a time by `companion.mavlink.codec.decode`. A light message is a named tuple of the fields'
+values as pymavlink decodes them: zeros that MAVLink 2 left out and missing extension fields are 0.
 """
 
 from collections.abc import Callable, Iterator
@@ -38,27 +38,36 @@ class Layout(NamedTuple):
 @cache
 def layout(message_id: int) -> Layout | None:
     """The layout of a kind, or None when it has texts, arrays or an id that is not known."""
-    found = numbers(message_id)
-    if found is None:
+    found, dtype = numbers(message_id), wire_dtype(message_id)
+    return None if found is None or dtype is None else Layout(dtype, found.make)
+
+
+@cache
+def wire_dtype(message_id: int) -> np.dtype[Any] | None:
+    """The fields of a kind on the wire, or None when it has texts or an id that is not known."""
+    kind = mavlink.mavlink_map.get(message_id)
+    if kind is None or "char" in kind.fieldtypes:
         return None
-    kind = mavlink.mavlink_map[message_id]
     names, codes = kind.ordered_fieldnames, kind.native_format.decode().lstrip("<")
-    dtype = np.dtype([(name, CODES[code]) for name, code in zip(names, codes, strict=True)])
-    return Layout(dtype, found.make)
+    fields: list[Any] = [
+        (name, CODES[code]) if length == 1 else (name, CODES[code], (length,))
+        for name, code, length in zip(names, codes, kind.lengths, strict=True)
+    ]
+    return np.dtype(fields)
 
 
 def columns(data: NDArray[np.uint8], index: Rows, message_id: int) -> NDArray[Any]:
     """The payloads of frames of one kind, shape (n,), a structured array with the fields' names.
 
     `index` are rows of `record_scan.INDEX` of that kind, `data` the buffer they point into. Raises
-    `KeyError` for a kind without a layout.
+    `KeyError` for a kind with texts.
     """
-    found = layout(message_id)
-    if found is None:
-        raise KeyError(f"message {message_id} has fields that are not single numbers")
-    table = np.empty((index.size, found.dtype.itemsize), np.uint8)
+    dtype = wire_dtype(message_id)
+    if dtype is None:
+        raise KeyError(f"message {message_id} has texts")
+    table = np.empty((index.size, dtype.itemsize), np.uint8)
     gather(data, index["payload"], index["length"], table)
-    return table.view(found.dtype)[:, 0]
+    return table.view(dtype)[:, 0]
 
 
 def messages(data: NDArray[np.uint8], index: Rows, message_id: int) -> Iterator[Message]:

@@ -147,8 +147,7 @@ class Identity:
         if self.vehicle is None:
             return Origin.EARLY
         if speaker != self.vehicle:
-            if speaker in self.strangers or len(self.strangers) < MOST_REMEMBERED:
-                self.strangers[speaker] += 1
+            self._note_stranger(speaker)
             return Origin.STRANGER
         if frame.signed:
             self._signed_us = arrival_us
@@ -161,6 +160,23 @@ class Identity:
         self._source_us = arrival_us
         self.version = max(self.version, frame.version)
         return Origin.VEHICLE
+
+    def _note_stranger(self, speaker: tuple[int, int]) -> None:
+        if speaker in self.strangers or len(self.strangers) < MOST_REMEMBERED:
+            self.strangers[speaker] += 1
+
+    def took(self, count: int, version: int, arrival_us: int, *, told_again: bool) -> None:
+        """Count frames of the vehicle, unsigned and from where it was heard before; `told_again` is
+        whether a HEARTBEAT among them says again what the vehicle is."""
+        self.counters[Origin.VEHICLE] += count
+        self._source_us, self.version = arrival_us, max(self.version, version)
+        if told_again:
+            self._changes = 0
+
+    def stranger(self, system_id: int, component_id: int) -> None:
+        """Count a frame of another sender."""
+        self.counters[Origin.STRANGER] += 1
+        self._note_stranger((system_id, component_id))
 
     def heartbeat(
         self, frame: Frame, message: Message, arrival_us: int, source: Hashable = None

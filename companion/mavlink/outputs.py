@@ -23,23 +23,21 @@ time_usec             vehicle boot time of the estimate, or of the vehicle's own
 
 import math
 from enum import Enum
+from typing import Any
 
 from companion.health import Health
 from companion.kernels.atmosphere import qnh_pa
+from companion.mavlink import altitude_steps as steps
+from companion.mavlink.altitude_steps import ALTITUDE, NEVER_US, OUTPUT_PARAMS, OUTPUTS
 from companion.mavlink.codec import Message, mavlink
 from companion.mavlink.continuity import Leap, Monotonic
 from companion.mavlink.debug import debug_messages
 from companion.mavlink.own_heights import OwnHeights, own_altitude, own_heights
 from companion.mavlink.schedule import Schedule
 from companion.mavlink.sections import PublishSettings
-from companion.samples import Kind, Rows, Verdict
+from companion.samples import Kind, Rows, Verdict, rows
 
-FRESH_US = 1_000_000
-VEHICLE_ALTITUDE_US = 5_000_000
-OWN_HEIGHT_US = 2_000_000
-OURS_MISSING_US = 1_000_000
-VEHICLE_ALTITUDES = 3
-"""number of ALTITUDE of the vehicle within five seconds that shows that it sends them itself"""
+MODES = {"never": steps.NEVER, "always": steps.ALWAYS, "auto": steps.AUTO}
 SEVERITY = {
     Health.OK: mavlink.MAV_SEVERITY_INFO,
     Health.DEGRADED: mavlink.MAV_SEVERITY_WARNING,
@@ -60,148 +58,100 @@ class Source(Enum):
     VEHICLE = "the vehicle's own"
 
 
+SOURCES = (Source.NONE, Source.OURS, Source.VEHICLE)
+"""by `altitude_steps.OF_NONE` and its neighbours"""
+
+
 class Outputs:
-    """Follows the samples, and makes the messages."""
+    """Follows the samples, and makes the messages. What it remembers is in records, which compiled
+    steps read and write (`companion.mavlink.altitude_steps`)."""
 
     def __init__(self, settings: PublishSettings) -> None:
         self.settings = settings
         self.monotonic = Monotonic()
-        self.source = Source.NONE
-        """source of the last ALTITUDE"""
-        self._altitude_slots = Schedule(settings.altitude_hz)
-        self._own_slots = Schedule(settings.altitude_hz)
-        """slots of the vehicle's own heights, apart from those of ours, which must not wait for
-        them"""
+        self.leap = Leap()
+        self.state: Rows = rows(OUTPUTS)
+        self.state["due_us"] = NEVER_US
+        self.params: Rows = rows(OUTPUT_PARAMS)
+        self.params["mode"] = MODES[settings.altitude]
+        self.params["period_us"] = round(1e6 / settings.altitude_hz)
+        self._heights: Rows = rows(ALTITUDE)
         self._debug_slots = Schedule(settings.debug_hz)
-        self._leap = Leap()
-        self._boots = 0
         self.restart()
 
     def restart(self) -> None:
         """The vehicle booted: home, arming point and local origin are void; the monotonic altitude
         goes on."""
-        self._boots += 1
-        self._local_origin_m = math.nan
-        self._home_m = math.nan
-        self._arming_m = math.nan
-        self._armed: bool | None = None  # unknown: a vehicle may be met in the air
-        self._range: tuple[int, float] | None = None
-        self._cos_tilt: tuple[int, float] | None = None
-        self._vehicle_altitudes_us: list[int] = []
-        self._own: OwnHeights | None = None
-        self._ours_us: int | None = None
-        self._pressure_pa = math.nan
+        steps.restart(self.state)
+
+    @property
+    def source(self) -> Source:
+        """Source of the last ALTITUDE."""
+        return SOURCES[int(self.state["source"][0])]
 
     @property
     def own(self) -> OwnHeights | None:
         """The vehicle's own heights that were heard last; None before the first."""
-        return self._own
+        state = self.state[0]
+        if state["own_us"] == NEVER_US:
+            return None
+        return OwnHeights(
+            int(state["own_us"]), float(state["own_amsl_m"]), float(state["own_home_m"])
+        )
 
     def vehicle_altitude(self, now_us: int) -> None:
         """The vehicle sent ALTITUDE itself; one alone may be forged."""
-        recent = [us for us in self._vehicle_altitudes_us if abs(now_us - us) < VEHICLE_ALTITUDE_US]
-        self._vehicle_altitudes_us = [*recent[1 - VEHICLE_ALTITUDES :], now_us]
+        steps.vehicle_altitude(self.state, now_us)
 
     def own_height(self, message: Message, now_us: int, health: Health) -> Message | None:
         """Take GLOBAL_POSITION_INT; ALTITUDE with these heights while ours cannot be sent."""
-        own = self._own = own_heights(message)
-        ours_us = self._ours_us
-        is_ours = ours_us is not None and abs(now_us - ours_us) < OURS_MISSING_US
-        if (health is not Health.LOST and is_ours) or not self._may_send(now_us):
-            return None
-        if not self._own_slots.takes(own.time_us):
+        own, state = own_heights(message), self.state[0]
+        state["own_us"], state["own_amsl_m"], state["own_home_m"] = own
+        if not steps.own_height(self.state, self.params, now_us, health):
             return None
         return self._of_vehicle(own, now_us)
 
     def last_height(self, now_us: int) -> Message | None:
         """ALTITUDE with the vehicle's own heights, for the end of a run; None when these are
         old."""
-        own = self._own
-        if own is None or abs(now_us - own.time_us) > OWN_HEIGHT_US or not self._may_send(now_us):
+        own = self.own
+        if own is None or abs(now_us - own.time_us) > steps.OWN_HEIGHT_US:
             return None
+        if not steps.may_send(self.state, self.params, now_us):
+            return None
+        steps.of_vehicle(self.state)
         return self._of_vehicle(own, now_us)
 
     def _of_vehicle(self, own: OwnHeights, now_us: int) -> Message:
-        self.source = Source.VEHICLE
-        if math.isnan(self._local_origin_m):
-            self._local_origin_m = own.altitude_amsl_m
         return own_altitude(
             own,
-            self._local_origin_m,
+            float(self.state["local_origin_m"][0]),
             monotonic_m=self.monotonic.at(now_us),
-            clearance_m=self._clearance_m(now_us),
+            clearance_m=float(steps.clearance_m(self.state, now_us)),
         )
-
-    def _may_send(self, now_us: int) -> bool:
-        if self.settings.altitude != "auto":
-            return self.settings.altitude == "always"
-        heard_us = self._vehicle_altitudes_us
-        enough = VEHICLE_ALTITUDES if self._ours_us is not None else 1
-        return len(heard_us) < enough or abs(now_us - heard_us[-1]) >= VEHICLE_ALTITUDE_US
 
     def sample(self, kind: Kind, row: Rows, verdict: Verdict, estimate: Rows) -> None:
         """Follow a sample and its verdict."""
-        value = row[0]
         if verdict is Verdict.STALE:
             return  # a late copy
         if kind is Kind.PRESSURE:
-            pressure_pa = float(value["pressure_pa"])
-            if verdict is Verdict.USED and self.monotonic.update(
-                self._boots, int(value["instance"]), int(value["time_us"]), pressure_pa
-            ):
-                self._pressure_pa = pressure_pa
+            steps.follow_pressure(self.state, self.monotonic.state, row, verdict)
         elif kind is Kind.HOME:
-            home_m = float(value["altitude_amsl_m"])
-            self._home_m = home_m if -1000.0 < home_m < 10_000.0 else self._home_m
+            steps.follow_home(self.state, row)
         elif kind is Kind.STATUS:
-            if value["armed"] == 1 and self._armed is False:
-                is_fresh = abs(int(value["time_us"]) - int(estimate[0]["time_us"])) <= 2 * FRESH_US
-                self._arming_m = float(estimate[0]["altitude_amsl_m"]) if is_fresh else math.nan
-            if value["armed"] >= 0:
-                self._armed = bool(value["armed"] == 1)
+            steps.follow_status(self.state, row, estimate)
         elif kind is Kind.RANGE:
-            if value["downward"] == 1:
-                self._range = (int(value["time_us"]), float(value["distance_m"]))
+            steps.follow_range(self.state, row)
         elif kind is Kind.ATTITUDE:
-            cos_tilt = math.cos(value["roll_rad"]) * math.cos(value["pitch_rad"])
-            self._cos_tilt = (int(value["time_us"]), cos_tilt if cos_tilt > 0.0 else math.nan)
+            steps.follow_attitude(self.state, row)
 
     def altitude(self, now_us: int, health: Health, estimate: Rows) -> Message | None:
         """ALTITUDE, when one is due and may be sent."""
-        altitude_m = float(estimate[0]["altitude_amsl_m"])
-        time_us = int(estimate[0]["time_us"])
-        if (
-            health is Health.LOST
-            or not math.isfinite(altitude_m)
-            or self._leap.withholds(time_us, altitude_m)
-        ):
+        out, monotonic, leap = self._heights, self.monotonic.state, self.leap.state
+        args = (monotonic, leap, now_us, health, estimate, out)
+        if not steps.altitude(self.state, self.params, *args):
             return None
-        if math.isnan(self._local_origin_m):
-            self._local_origin_m = altitude_m
-        if time_us < 0 or not self._may_send(now_us) or not self._altitude_slots.takes(time_us):
-            return None
-        self.source, self._ours_us = Source.OURS, now_us
-        clearance_m = self._clearance_m(now_us)
-        return mavlink.MAVLink_altitude_message(
-            time_us,
-            self.monotonic.at(now_us),
-            altitude_m,
-            altitude_m - self._local_origin_m,
-            self._relative_m(estimate, now_us),
-            clearance_m,
-            clearance_m,
-        )
-
-    def _relative_m(self, estimate: Rows, now_us: int) -> float:
-        """Height above take-off, from the best source that is known."""
-        height_m = float(estimate[0]["height_above_takeoff_m"])
-        own = self._own
-        if math.isfinite(height_m):
-            return height_m
-        if own is not None and abs(now_us - own.time_us) <= OWN_HEIGHT_US:
-            return own.height_above_home_m
-        reference_m = self._arming_m if math.isnan(self._home_m) else self._home_m
-        return float(estimate[0]["altitude_amsl_m"]) - reference_m
+        return altitude_message(out[0])
 
     def debug(self, now_us: int, health: Health, estimate: Rows, state: Rows) -> list[Message]:
         """The DEBUG family, when due: in LOST only the health."""
@@ -210,14 +160,16 @@ class Outputs:
         qnh_hpa = math.nan
         altitude_m = float(estimate[0]["altitude_amsl_m"])
         if math.isfinite(self.monotonic.at(now_us)) and math.isfinite(altitude_m):
-            qnh_hpa = qnh_pa(self._pressure_pa, altitude_m) * 0.01
+            qnh_hpa = qnh_pa(float(self.state["pressure_pa"][0]), altitude_m) * 0.01
         return debug_messages(now_us, health, estimate, state, qnh_hpa)
 
-    def _clearance_m(self, now_us: int) -> float:
-        if self._range is None or abs(now_us - self._range[0]) > FRESH_US:
-            return math.nan
-        tilted = self._cos_tilt is not None and abs(now_us - self._cos_tilt[0]) <= FRESH_US
-        return self._range[1] * (self._cos_tilt[1] if tilted and self._cos_tilt else 1.0)
+
+def altitude_message(heights: Any) -> Message:
+    """The message of an `ALTITUDE` record."""
+    time_us, monotonic_m, amsl_m, local_m, relative_m, clearance_m = heights.item()
+    return mavlink.MAVLink_altitude_message(
+        time_us, monotonic_m, amsl_m, local_m, relative_m, clearance_m, clearance_m
+    )
 
 
 def intervals(settings: PublishSettings) -> dict[int, int]:

@@ -1,6 +1,7 @@
 """Readings of the vehicle's messages: one message for each sensor, where several carry it."""
 
 from companion.mavlink import convert
+from companion.mavlink import imu_steps as steps
 from companion.mavlink.codec import Message, mavlink
 from companion.mavlink.convert import Reading
 from companion.mavlink.imu import ImuSelector
@@ -8,7 +9,6 @@ from companion.samples import Kind
 
 RAW_IMU = mavlink.MAVLINK_MSG_ID_RAW_IMU
 HIGHRES_IMU = mavlink.MAVLINK_MSG_ID_HIGHRES_IMU
-PRESSURE_TIMEOUT_US = 2_000_000
 
 
 class ReadingSelector:
@@ -21,8 +21,7 @@ class ReadingSelector:
 
     def __init__(self, air_temperature: str) -> None:
         self._air_temperature = air_temperature
-        self._imu = ImuSelector()
-        self._scaled_pressure_us = -PRESSURE_TIMEOUT_US
+        self.imu = ImuSelector()
 
     @property
     def message_ids(self) -> set[int]:
@@ -31,12 +30,12 @@ class ReadingSelector:
 
     def restart(self) -> None:
         """The vehicle booted: its barometer may be sent in another message."""
-        self._scaled_pressure_us = -PRESSURE_TIMEOUT_US
+        steps.forget_pressure(self.imu.state)
 
     def of(self, message: Message, message_id: int, autopilot: int) -> tuple[Reading, ...]:
         """The readings of a message, in SI units."""
         if message_id == RAW_IMU:
-            return self._imu.raw_imu(message, autopilot)
+            return self.imu.raw_imu(message, autopilot)
         converter = convert.CONVERTERS.get(message_id)
         readings = converter(message) if converter is not None else ()
         thermometer = convert.THERMOMETERS[self._air_temperature].get(message_id)
@@ -45,10 +44,10 @@ class ReadingSelector:
     def is_replaced(self, reading: Reading, message_id: int, now_us: int) -> bool:
         """Whether the same sensor has a better message. `now_us` is the vehicle's clock."""
         if reading.kind is Kind.IMU:
-            return not self._imu.accepts(message_id, reading, now_us)
+            return not self.imu.accepts(message_id, reading, now_us)
         if reading.kind is Kind.PRESSURE:
-            if message_id == HIGHRES_IMU:
-                return now_us - self._scaled_pressure_us < PRESSURE_TIMEOUT_US
-            if reading.instance == 0:
-                self._scaled_pressure_us = now_us
+            is_highres = message_id == HIGHRES_IMU
+            return bool(
+                steps.replaces_pressure(self.imu.state, is_highres, reading.instance, now_us)
+            )
         return False

@@ -4,8 +4,11 @@ import itertools
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from companion.mavlink.codec import Frame, Message, mavlink
 from companion.mavlink.radio import RADIOS, Radio, radio_of
+from companion.samples import Rows
 
 if TYPE_CHECKING:
     from companion.pipeline import Pipeline
@@ -91,6 +94,30 @@ class LinkQuality:
         counts[1] += gap if gap < LATEST else 0
         if frame.message_id in RADIOS and (radio := radio_of(frame)) is not None:
             self.radio.append((time_us, radio))
+
+    def take_block(self, index: Rows) -> None:
+        """Count frames, rows of `record_scan.INDEX`."""
+        systems, components = np.asarray(index["system_id"]), np.asarray(index["component_id"])
+        for number in np.unique(systems.astype("i8") * 256 + components).tolist():
+            sender = number // 256, number % 256
+            rows = index[(systems == sender[0]) & (components == sender[1])]
+            sequence = np.asarray(rows["sequence"], np.int64)
+            before = self._sequence.get(sender, int(sequence[0]) - 1)
+            gaps = np.diff(sequence, prepend=before) - 1
+            gaps %= 256
+            gaps[gaps >= LATEST] = 0
+            self._sequence[sender] = int(sequence[-1])
+            seconds, places = np.unique(
+                np.asarray(rows["time_us"]) // 1_000_000, return_inverse=True
+            )
+            frames, lost = np.bincount(places), np.bincount(places, gaps)
+            counts = self._seconds.setdefault(sender, {})
+            for second, count, missing in zip(
+                seconds.tolist(), frames.tolist(), lost.tolist(), strict=True
+            ):
+                counted = counts.setdefault(second, [0, 0])
+                counted[0] += count
+                counted[1] += int(missing)
 
     def of(self, sender: tuple[int, int] | None) -> list[tuple[int, int, int]]:
         """(second of the log's clock, frames, lost frames) of a system and component."""

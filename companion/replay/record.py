@@ -17,9 +17,14 @@ from companion.health import Health
 from companion.kernels.atmosphere import baro_altitude_array
 from companion.kernels.gnss import gnss_sd_m
 from companion.mavlink.codec import Message
+from companion.observer import Block
 from companion.pipeline import Pipeline
 from companion.replay.events import Events
-from companion.samples import ESTIMATE, HEIGHT, Kind, Rows, Suspicion, Verdict, readable
+from companion.samples import ESTIMATE, HEIGHT, Kind, Rows, Suspicion, Tables, Verdict, readable
+
+NO_UNIX_US = -(1 << 61)
+"""below any offset of UNIX time"""
+FROM_SAMPLE = ("time_us", "arrival_us", "instance", "suspect")
 
 RECORD = np.dtype(
     [
@@ -71,16 +76,11 @@ class Recording:
         if value["instance"] == 0:
             self.rates[kind, int(value["time_us"]) // 1_000_000] += 1
         if kind is Kind.STATUS:
-            armed = int(value["armed"])
-            if armed >= 0 and (not self.armed or self.armed[-1][1] != bool(armed)):
-                self.armed.append((int(value["time_us"]), bool(armed)))
+            self._note_armed(int(value["time_us"]), int(value["armed"]))
             return
         if kind is not Kind.PRESSURE and kind is not Kind.GNSS:
             return
-        if self._count == self._rows.size:
-            self._rows = readable(np.concatenate([self._rows, np.zeros_like(self._rows)]))
-        kept = self._rows[self._count]
-        self._count += 1
+        kept = self._grown(1)[0]
         kept["time_us"], kept["arrival_us"] = value["time_us"], value["arrival_us"]
         kept["now_us"] = self._pipeline.now_us
         kept["kind"], kept["instance"], kept["verdict"] = kind, value["instance"], verdict
@@ -95,6 +95,56 @@ class Recording:
         kept["satellites"] = value["satellites"] if is_gnss else -1
         kept["latitude_deg"] = value["latitude_deg"] if is_gnss else math.nan
         kept["longitude_deg"] = value["longitude_deg"] if is_gnss else math.nan
+
+    def block(self, block: Block) -> None:
+        tables, order = block.tables, block.tables.order
+        kinds, places = np.asarray(order["kind"]), np.asarray(order["row"])
+        self.published_count += block.published
+        for heights, is_truth in ((block.truth, True), (block.autopilot, False)):
+            self._heights[is_truth] += heights.tolist()
+        self._count_rates(tables, kinds, places)
+        status = tables.status[places[kinds == Kind.STATUS]]
+        for time_us, armed in zip(
+            status["time_us"].tolist(), status["armed"].tolist(), strict=True
+        ):
+            self._note_armed(time_us, armed)
+        chosen = np.flatnonzero((kinds == Kind.PRESSURE) | (kinds == Kind.GNSS))
+        is_gnss = kinds[chosen] == Kind.GNSS
+        if not chosen.size:
+            return
+        known_us = block.unix_us[chosen[is_gnss]]
+        known_us = known_us[known_us > NO_UNIX_US]
+        if known_us.size:
+            self.unix_offset_us = int(known_us[-1])
+        kept = self._grown(chosen.size)
+        kept["now_us"], kept["kind"] = block.now_us[chosen], kinds[chosen]
+        kept["verdict"], kept["health"] = block.verdicts[chosen], block.health[chosen]
+        kept["estimate"] = block.estimates[chosen]
+        _fill_pressures(kept, ~is_gnss, tables.pressure[places[chosen[~is_gnss]]])
+        _fill_fixes(kept, is_gnss, tables.gnss[places[chosen[is_gnss]]])
+
+    def _count_rates(self, tables: Tables, kinds: NDArray[Any], places: NDArray[Any]) -> None:
+        for kind in np.unique(kinds).tolist():
+            rows = tables[1 + kind][places[kinds == kind]]
+            first = np.asarray(rows["instance"]) == 0
+            seconds, counts = np.unique(
+                np.asarray(rows["time_us"])[first] // 1_000_000, return_counts=True
+            )
+            for second, count in zip(seconds.tolist(), counts.tolist(), strict=True):
+                self.rates[Kind(kind), second] += count
+
+    def _note_armed(self, time_us: int, armed: int) -> None:
+        if armed >= 0 and (not self.armed or self.armed[-1][1] != bool(armed)):
+            self.armed.append((time_us, bool(armed)))
+
+    def _grown(self, count: int) -> Rows:
+        """The rows of the next `count` samples."""
+        first, self._count = self._count, self._count + count
+        if self._count > self._rows.size:
+            more = np.zeros(max(self._count - self._rows.size, self._rows.size), RECORD)
+            self._rows = readable(np.concatenate([self._rows, more]))
+        rows: Rows = self._rows[first : self._count]
+        return rows
 
     def truth(self, time_us: int, altitude_amsl_m: float, climb_mps: float) -> None:
         self._heights[True].append((time_us, altitude_amsl_m, climb_mps))
@@ -179,3 +229,25 @@ class Recording:
             for kind in (Kind.PRESSURE, Kind.GNSS)
             if (marked & (kinds == kind)).any()
         }
+
+
+def _fill_pressures(kept: Rows, where: NDArray[Any], pressures: Rows) -> None:
+    """The fields of a RECORD that a pressure gives."""
+    for name in (*FROM_SAMPLE, "pressure_pa"):
+        kept[name][where] = pressures[name]
+    for name in ("gnss_altitude_m", "gnss_sd_m", "ground_speed_mps", "latitude_deg"):
+        kept[name][where] = math.nan
+    kept["longitude_deg"][where] = math.nan
+    kept["fix_type"][where] = kept["satellites"][where] = -1
+
+
+def _fill_fixes(kept: Rows, where: NDArray[Any], fixes: Rows) -> None:
+    """The fields of a RECORD that a fix gives."""
+    names = ("ground_speed_mps", "fix_type", "satellites", "latitude_deg", "longitude_deg")
+    for name in (*FROM_SAMPLE, *names):
+        kept[name][where] = fixes[name]
+    kept["pressure_pa"][where] = math.nan
+    kept["gnss_altitude_m"][where] = fixes["altitude_amsl_m"]
+    kept["gnss_sd_m"][where] = [
+        gnss_sd_m(fixes[i : i + 1], 0.0, UNKNOWN_GNSS_SD_M) for i in range(fixes.size)
+    ]

@@ -6,23 +6,27 @@ pipeline), and each autopilot in the log has sessions of its own. A host clock t
 vehicle's goes on, a stamp of zero, and stamps that step back end nothing.
 """
 
+import itertools
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from companion.errors import LogFormatError
 from companion.logs import LogReader
 from companion.logs.encoding import frame_of
 from companion.logs.files import opened
+from companion.logs.tlog import TlogReader
 from companion.mavlink.codec import Frame, FrameReject, Message, decode, mavlink
 from companion.mavlink.convert import TimeBase
 from companion.mavlink.identity import autopilot_name, is_autopilot
-from companion.observer import Observer
+from companion.observer import Block, BlockObserver, Observer
 from companion.pipeline import Pipeline
 from companion.recorded import Item, Sensed
+from companion.replay.blocks import BlockRunner
 from companion.replay.events import LinkQuality
 from companion.samples import Kind, Rows, Verdict
 from companion.settings import CompanionSettings
@@ -95,6 +99,10 @@ class _Switch:
     def published(self, message: Message) -> None:
         self.target.published(message)
 
+    def block(self, block: Block) -> None:
+        assert isinstance(self.target, BlockObserver)
+        self.target.block(block)
+
 
 class _Splitter(Generic[Seen]):
     """One pass over a log for one vehicle."""
@@ -152,6 +160,28 @@ class _Splitter(Generic[Seen]):
             if message is not None and is_autopilot(message):
                 self.autopilots[item.system_id] = self.autopilots.get(item.system_id, 0) + 1
         return self.pipeline.feed_item(item, time_us)
+
+    def passed(self, index: Rows) -> None:
+        """Frames of the present session, rows of `record_scan.INDEX`, were taken in a block."""
+        if not self._open.first_us:
+            self._open.first_us = int(index["time_us"][0])
+        self._open.last_us = int(index["time_us"][-1])
+        self._open.link.take_block(index)
+        vehicle = self.pipeline.identity.vehicle
+        beats = index["message_id"] == mavlink.MAVLINK_MSG_ID_HEARTBEAT
+        if vehicle is not None and beats.any():
+            told = self.autopilots.get(vehicle[0], 0)
+            self.autopilots[vehicle[0]] = told + int(beats.sum())
+
+    @property
+    def takes_blocks(self) -> bool:
+        """Whether the observer of the present session takes blocks."""
+        return isinstance(self._open.seen, BlockObserver)
+
+    def block_observer(self) -> BlockObserver:
+        """The observer of the present session."""
+        assert isinstance(self._open.seen, BlockObserver)
+        return self._open.seen
 
     def renew(self) -> None:
         """Another day: nothing of the session before is of use."""
@@ -228,7 +258,12 @@ def _pass(
     on_progress: Callable[[float], None] | None,
 ) -> _Splitter[Seen]:
     splitter = _Splitter(settings, observe, make)
-    for count, (time_us, item) in enumerate(_by_day(reader, splitter)):
+    if writer is None and isinstance(reader, TlogReader) and splitter.takes_blocks:
+        _pass_blocks(reader, splitter, on_progress)
+        return splitter
+    items = reader.items(splitter.pipeline.wanted)
+    days = _Days(splitter)
+    for count, (time_us, item) in enumerate(itertools.chain(days.take(items), days.rest())):
         sent = splitter.feed(time_us, item)
         if writer is not None:
             if not splitter.pipeline.heard_ourselves:  # of an earlier run: these are replaced
@@ -244,24 +279,65 @@ def _pass(
     return splitter
 
 
-def _by_day(reader: LogReader, splitter: _Splitter[Seen]) -> Iterator[tuple[int, Item]]:
-    """The items; where a day lies between two, the splitter begins anew."""
-    held: list[tuple[int, Item]] = []
-    last_us: int | None = None
-    for time_us, item in reader.items(splitter.pipeline.wanted):
-        if held or (last_us is not None and abs(time_us - last_us) > DAY_US):
-            held.append((time_us, item))
-            boot_us = _boot_us(item)
-            if boot_us is None and len(held) < HELD_ITEMS:
-                continue
-            if not splitter.goes_on(boot_us):
-                splitter.renew()
-            yield from held
-            held = []
-        else:
-            yield time_us, item
-        last_us = time_us
-    yield from held
+def _pass_blocks(
+    reader: TlogReader, splitter: _Splitter[Seen], on_progress: Callable[[float], None] | None
+) -> None:
+    """As `_pass`, in blocks; a block with a step of a day is taken one item at a time."""
+    days, runner = _Days(splitter), None
+    for batch in reader.batches():
+        pipeline = splitter.pipeline
+        if runner is None or runner.pipeline is not pipeline:
+            runner = BlockRunner(pipeline, splitter.feed, splitter.passed)
+        if days.steps(np.asarray(batch.rows["time_us"])):
+            for time_us, item in days.take(reader.items_of(batch, pipeline.wanted)):
+                splitter.feed(time_us, item)
+        elif batch.rows.size:
+            runner.run(batch, splitter.block_observer)
+            reader.passed(batch)
+        if on_progress is not None:
+            on_progress(reader.position_bytes / max(1, reader.size_bytes))
+    for time_us, item in days.rest():
+        splitter.feed(time_us, item)
+    splitter.close()
+
+
+class _Days(Generic[Seen]):
+    """Where a day lies between two items, the splitter begins anew."""
+
+    def __init__(self, splitter: _Splitter[Seen]) -> None:
+        self._splitter = splitter
+        self._held: list[tuple[int, Item]] = []
+        self._last_us: int | None = None
+
+    def steps(self, times_us: NDArray[np.int64]) -> bool:
+        """Whether there may be a day within these times; if not they are taken note of."""
+        if not times_us.size:
+            return False
+        before_us = int(times_us[0]) if self._last_us is None else self._last_us
+        if self._held or np.abs(np.diff(times_us, prepend=before_us)).max() > DAY_US:
+            return True
+        self._last_us = int(times_us[-1])
+        return False
+
+    def take(self, items: Iterable[tuple[int, Item]]) -> Iterator[tuple[int, Item]]:
+        """The items, each when it is clear to which session it belongs."""
+        for time_us, item in items:
+            last_us, self._last_us = self._last_us, time_us
+            if self._held or (last_us is not None and abs(time_us - last_us) > DAY_US):
+                self._held.append((time_us, item))
+                boot_us = _boot_us(item)
+                if boot_us is None and len(self._held) < HELD_ITEMS:
+                    continue
+                if not self._splitter.goes_on(boot_us):
+                    self._splitter.renew()
+                yield from self.rest()
+            else:
+                yield time_us, item
+
+    def rest(self) -> Iterator[tuple[int, Item]]:
+        """The items that are still held back, when it is asked for them."""
+        held, self._held = self._held, []
+        yield from held
 
 
 def _boot_us(item: Item) -> int | None:

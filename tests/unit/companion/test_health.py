@@ -213,10 +213,12 @@ def test_a_reboot_forgets_every_instant() -> None:
 
 def test_silence_on_the_hosts_clock_is_lost_once() -> None:
     bench = healthy()
-    assert bench.monitor.lose("nothing heard") is True
-    assert bench.monitor.lose("nothing heard") is False
+    heard_us = round(bench.time_s * SECOND_US)
+    bench.monitor.alive(heard_us)
+    assert bench.monitor.age(heard_us + 4 * SECOND_US, str) is True
+    assert bench.monitor.age(heard_us + 5 * SECOND_US, str) is False
     assert (bench.monitor.health, bench.monitor.reason) == (LOST, "nothing heard")
-    assert bench.seconds_until(OK) == pytest.approx(2.1, abs=0.11)
+    assert bench.seconds_until(OK) == pytest.approx(1.1, abs=0.11)  # a mere silence: half as long
 
 
 @settings(deadline=None, max_examples=50)

@@ -15,7 +15,7 @@ from companion.intake import (
     IntakeSettings,
     SampleReject,
     VehicleClock,
-    source_clock,
+    vehicle_clock,
 )
 from companion.intake.vehicle_clock import WRAP_MS
 from companion.mavlink import convert
@@ -167,7 +167,7 @@ class TestBootClock:
     ) -> None:
         """Ten a second, 1000 times too fast, beside stamps that are right."""
         clock, told = VehicleClock(IntakeSettings()), []
-        monkeypatch.setattr(source_clock.logger, "warning", lambda *args: told.append(args))
+        monkeypatch.setattr(vehicle_clock.logger, "warning", lambda *args: told.append(args))
         for k in range(200):
             arrival_us, boot_s = UNIX_US + k * 100_000, 30.0 + 0.1 * k
             clock.place(boot(boot_s), 29, arrival_us)

@@ -1,0 +1,317 @@
+"""The compiled loops of a replay in blocks (`companion.replay.blocks`): the steps that the pipeline
+takes for each message live, over the messages of a block.
+
+`take_in` makes samples of readings, an estimator's `run` follows, and `follow` does what comes
+after a sample: the independent check, health, ALTITUDE. Both stop before a message that needs more
+than these steps, such as a restart of the vehicle or something to log; the pipeline takes that
+one.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from companion.agreement import follow_fix, follow_pressure
+from companion.checker import ELLIPSOID, asks_restart, objection
+from companion.health_steps import LOST, OF_HOST, alive, assess, heard, is_due, lose, silence
+from companion.intake.clock_steps import DOUBT, REBOOT, note_unix, place
+from companion.intake.receiver_steps import (
+    check_height,
+    check_unreported,
+    fix_works,
+    is_height,
+    number,
+    pressure_works,
+)
+from companion.intake.row_steps import LARGEST_DOUBT_M, air_time
+from companion.intake.screen_steps import baro_m, judge_fix, judge_pressure
+from companion.jit import step
+from companion.mavlink import altitude_steps
+from companion.mavlink.altitude_steps import altitude, own_height, vehicle_altitude
+from companion.mavlink.imu_steps import accepts, replaces_pressure
+from companion.samples import MAX_INSTANCES, Kind, Rows, Tables, Verdict
+
+PLAIN, PYTHON, SYSTEM_TIME, OWN_HEIGHT, ALTITUDE_HEARD, TRUTH = range(6)
+"""what a frame is, beside its readings; PYTHON is for the pipeline"""
+LEFT_OUT, NO_SAMPLE = -2, -1
+"""places of a reading without a sample: one that was dropped, and one that only moved the clock"""
+NO_CLOCK, CLOCK_JUMPED, REPLACED = range(3)
+IMU, PRESSURE, GNSS = int(Kind.IMU), int(Kind.PRESSURE), int(Kind.GNSS)
+ATTITUDE, RANGE, AIR = int(Kind.ATTITUDE), int(Kind.RANGE), int(Kind.AIR)
+STATUS, HOME, AIRSPEED = int(Kind.STATUS), int(Kind.HOME), int(Kind.AIRSPEED)
+USED, STALE = int(Verdict.USED), int(Verdict.STALE)
+
+FRAME = np.dtype(
+    [
+        ("arrival_us", "i8"),
+        ("is_vehicle", "i8"),
+        ("what", "i8"),
+        ("first", "i8"),  # of its readings
+        ("count", "i8"),
+        ("now_us", "i8"),  # the vehicle's clock before its readings
+        ("a_us", "i8"),  # SYSTEM_TIME: UNIX time; OWN_HEIGHT: its time
+        ("b_us", "i8"),  # SYSTEM_TIME: boot time
+        ("altitude_m", "f8"),  # OWN_HEIGHT, TRUTH
+        ("above_home_m", "f8"),  # OWN_HEIGHT
+        ("climb_mps", "f8"),  # OWN_HEIGHT, TRUTH
+    ],
+    align=True,
+)
+READING = np.dtype(
+    [
+        ("frame", "i8"),
+        ("kind", "i8"),
+        ("row", "i8"),  # in the table of its kind
+        ("base", "i8"),
+        ("stamp_us", "i8"),
+        ("source", "i8"),  # message
+        ("instance", "i8"),
+        ("rank", "i8"),  # of an IMU message; -1 none
+        ("is_highres", "i8"),
+        ("place", "i8"),  # of its sample in the order, LEFT_OUT, NO_SAMPLE
+        ("now_us", "i8"),  # the vehicle's clock after it
+        ("unix_us", "i8"),
+        ("doubt_m", "f8"),
+    ],
+    align=True,
+)
+
+
+class Intaking(NamedTuple):
+    """State and parameters of the intake."""
+
+    clock: Rows
+    clock_params: Rows
+    air: Rows
+    row_params: Rows
+    choice: Rows
+    screen: Rows
+    screen_params: Rows
+    receivers: tuple[Rows, Rows, Rows, Rows]
+    primaries: tuple[Rows, Rows]
+    counts: Rows
+
+
+class Following(NamedTuple):
+    """State and parameters of what follows a sample."""
+
+    agreement: Rows
+    checker: Rows
+    health: Rows
+    health_params: Rows
+    outputs: Rows
+    output_params: Rows
+    monotonic: Rows
+    leap: Rows
+    heights: Rows
+
+
+@step
+def take_in(
+    frames: Rows, readings: Rows, tables: Tables, s: Intaking, start: int, stop: int, count: int
+) -> tuple[int, int]:
+    """Make samples of the readings of ``frames[start:stop]``: rows of `tables`, in its order.
+
+    Returns
+    -------
+    stop : the frame that the pipeline has to take, or `stop`.
+    count : of samples in the order.
+    """
+    changes, wrong = s.screen[0].changes, s.clock[0].wrong_units
+    for f in range(start, stop):
+        frame = frames[f]
+        if frame.what == PYTHON:
+            return f, count
+        if frame.what == SYSTEM_TIME:
+            note_unix(s.clock, frame.a_us, frame.b_us)
+        frame.now_us = s.clock[0].now_us
+        for r in range(frame.first, frame.first + frame.count):
+            reading = readings[r]
+            effect, time_us = place(
+                s.clock, s.clock_params, reading.base, reading.stamp_us, reading.source,
+                frame.arrival_us,
+            )  # fmt: skip
+            if effect == REBOOT or s.clock[0].wrong_units != wrong:
+                return f, count
+            reading.now_us, reading.unix_us = s.clock[0].now_us, s.clock[0].unix_us
+            if effect == DOUBT or not 0 <= reading.instance < MAX_INSTANCES:
+                s.counts[NO_CLOCK if s.clock[0].now_us < 0 else CLOCK_JUMPED] += 1
+                reading.place = LEFT_OUT
+                continue
+            if _is_replaced(readings[r : r + 1], tables, s):
+                s.counts[REPLACED] += 1
+                reading.place = NO_SAMPLE
+            elif _fill(readings[r : r + 1], tables, s, time_us):
+                return f, count
+            else:
+                reading.place = count
+                tables.order[count].kind, tables.order[count].row = reading.kind, reading.row
+                count += 1
+            reading.doubt_m = s.receivers[0][0].doubt_m
+        if s.screen[0].changes != changes:
+            return f, count
+    return stop, count
+
+
+@step
+def _is_replaced(reading: Rows, tables: Tables, s: Intaking) -> bool:
+    """Whether the same sensor has a better message."""
+    kind, row, now_us = reading[0].kind, reading[0].row, reading[0].now_us
+    if kind == IMU:
+        force = tables.imu[row].specific_force_b_mps2
+        sensor = reading[0].source * 8 + reading[0].instance
+        return not accepts(s.choice, sensor, reading[0].rank, force[0], force[1], force[2], now_us)
+    if kind == PRESSURE:
+        return replaces_pressure(s.choice, reading[0].is_highres == 1, reading[0].instance, now_us)
+    return False
+
+
+@step
+def _fill(reading: Rows, tables: Tables, s: Intaking, time_us: int) -> bool:
+    """Complete the row of a reading at `time_us`; True when that needs the pipeline."""
+    kind, row = reading[0].kind, reading[0].row
+    if kind == IMU:
+        tables.imu[row].time_us = time_us
+    elif kind == PRESSURE:
+        pressure = tables.pressure[row : row + 1]
+        pressure[0].time_us = time_us
+        if number(s.primaries[0], pressure, pressure_works(pressure)):
+            return True
+        judge_pressure(s.screen, s.screen_params, pressure)
+    elif kind == GNSS:
+        fix = tables.gnss[row : row + 1]
+        fix[0].time_us = time_us - s.row_params[0].latency_us
+        if _check_fix(fix, s):
+            return True
+        judge_fix(s.screen, s.screen_params, fix)
+    elif kind == ATTITUDE:
+        tables.attitude[row].time_us = time_us
+    elif kind == RANGE:
+        tables.range[row].time_us = time_us
+    elif kind == AIR:
+        tables.air[row].time_us = air_time(s.air, time_us)
+        tables.air[row].air_temperature_k -= s.row_params[0].air_excess_k
+    elif kind == STATUS:
+        tables.status[row].time_us = time_us
+    elif kind == HOME:
+        tables.home[row].time_us = time_us
+    elif kind == AIRSPEED:
+        tables.airspeed[row].time_us = time_us
+    return False
+
+
+@step
+def _check_fix(fix: Rows, s: Intaking) -> bool:
+    """Check a fix, and number its receiver; True when that needs the pipeline."""
+    if is_height(fix):
+        if fix[0].altitude_amsl_m == fix[0].altitude_ellipsoid_m:
+            return True  # the geoid is not compiled
+        receiver, height_m = s.receivers[fix[0].instance], baro_m(s.screen, fix[0].time_us)
+        if check_height(receiver, fix, height_m) != 0:
+            return True
+        check_unreported(receiver, fix, height_m)
+    return number(s.primaries[1], fix, fix_works(fix))
+
+
+@step
+def follow(
+    frames: Rows, readings: Rows, tables: Tables, estimates: Rows, verdicts: Rows, healths: Rows,
+    s: Following, start: int, stop: int, latest: int,
+) -> tuple[int, int]:  # fmt: skip
+    """What comes after the samples of ``frames[start:stop]``.
+
+    Parameters
+    ----------
+    estimates : of ESTIMATE, after each sample; the first is that before the first sample.
+    healths : int64, gets the health before what a sample does to it.
+    latest : how many samples there were before `start`.
+
+    Returns
+    -------
+    stop : the frame that the pipeline has to take, or `stop`.
+    published : how many ALTITUDE of ours were due.
+    """
+    published = 0
+    for f in range(start, stop):
+        frame = frames[f]
+        if frame.is_vehicle:
+            alive(s.health, frame.arrival_us)
+        if frame.what == OWN_HEIGHT:
+            s.outputs[0].own_us, s.outputs[0].own_amsl_m = frame.a_us, frame.altitude_m
+            s.outputs[0].own_home_m = frame.above_home_m
+            own_height(s.outputs, s.output_params, frame.now_us, s.health[0].health)
+        elif frame.what == ALTITUDE_HEARD:
+            vehicle_altitude(s.outputs, frame.now_us)
+        for r in range(frame.first, frame.first + frame.count):
+            at, used = readings[r].place, False
+            if at == LEFT_OUT:
+                continue
+            if at >= 0:
+                latest = at + 1
+                estimate = estimates[latest : latest + 1]
+                _sample(readings[r : r + 1], tables, estimate, verdicts[at], s)
+                healths[at], used = s.health[0].health, verdicts[at] == USED
+            due = _react(readings[r : r + 1], estimates[latest : latest + 1], s, used)
+            if due < 0:
+                return f, published
+            published += due
+        lost = silence(s.health, s.health_params, frame.arrival_us)
+        if lost and s.health[0].health != LOST:
+            return f, published
+        if lost == 1 and (s.health[0].reason != OF_HOST or s.health[0].detail != 1):
+            return f, published
+        if lost:
+            lose(s.health, lost)
+    return stop, published
+
+
+@step
+def _sample(reading: Rows, tables: Tables, estimate: Rows, verdict: int, s: Following) -> None:
+    """Follow a sample and its verdict."""
+    kind, row = reading[0].kind, reading[0].row
+    instance, now_us, o = 0, reading[0].now_us, s.outputs
+    if kind == PRESSURE:
+        pressure = tables.pressure[row : row + 1]
+        instance = pressure[0].instance
+        follow_pressure(s.agreement, pressure)
+        if verdict != STALE:
+            altitude_steps.follow_pressure(o, s.monotonic, pressure, verdict)
+        if instance == 0 or verdict == USED:
+            heard(s.health, s.health_params, kind, verdict, now_us, pressure[0].arrival_us)
+    elif kind == GNSS:
+        fix = tables.gnss[row : row + 1]
+        instance = fix[0].instance
+        follow_fix(s.agreement, fix)
+        if instance == 0 or verdict == USED:
+            heard(s.health, s.health_params, kind, verdict, now_us, fix[0].arrival_us)
+    elif verdict == STALE:
+        return
+    elif kind == HOME:
+        altitude_steps.follow_home(o, tables.home[row : row + 1])
+    elif kind == STATUS:
+        altitude_steps.follow_status(o, tables.status[row : row + 1], estimate)
+    elif kind == RANGE:
+        altitude_steps.follow_range(o, tables.range[row : row + 1])
+    elif kind == ATTITUDE:
+        altitude_steps.follow_attitude(o, tables.attitude[row : row + 1])
+
+
+@step
+def _react(reading: Rows, estimate: Rows, s: Following, used: bool) -> int:
+    """What is due now that the clock has moved: 1 when ALTITUDE is, 0, -1 when the pipeline has to
+    restart the estimator."""
+    now_us, h = reading[0].now_us, s.health
+    if used or is_due(h, now_us):
+        altitude_m, doubt_m = estimate[0].altitude_amsl_m, reading[0].doubt_m
+        code, apart_m = ELLIPSOID, doubt_m
+        if not doubt_m > LARGEST_DOUBT_M:
+            code, apart_m = objection(s.agreement, now_us, altitude_m), abs(s.agreement[0].gap_m)
+        assess(h, s.health_params, now_us, estimate, code, apart_m)
+        if asks_restart(s.checker, s.agreement, now_us, h[0].has_altitude == 1):
+            return -1
+    if not used:
+        return 0
+    is_due_now = altitude(
+        s.outputs, s.output_params, s.monotonic, s.leap, now_us, h[0].health, estimate, s.heights
+    )
+    return 1 if is_due_now else 0

@@ -1,0 +1,290 @@
+"""Replay in blocks: the messages of a log's block through compiled loops of the pipeline's steps.
+
+The state is the pipeline's own, and so are the steps, so that what comes out is what the pipeline
+gives for one message at a time, bit for bit. Messages that need more than these steps (the first
+HEARTBEAT, commands, a restart of the vehicle, anything that is logged) are left to the pipeline:
+the piece before such a message is taken anew up to it, from a copy of the state.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.intake import SampleReject
+from companion.logs.tlog import Batch
+from companion.mavlink.altitude_steps import ALTITUDE
+from companion.mavlink.codec import Frame, decode
+from companion.mavlink.record_scan import INDEX
+from companion.observer import Block, BlockObserver
+from companion.pipeline import Pipeline
+from companion.replay.block_steps import (
+    OWN_HEIGHT,
+    PYTHON,
+    TRUTH,
+    Following,
+    Intaking,
+    follow,
+    take_in,
+)
+from companion.replay.columns import (
+    CUSTOM_MODE,
+    HEARTBEAT,
+    Arrays,
+    Beat,
+    Speaker,
+    arrays_of,
+    heights,
+)
+from companion.samples import ESTIMATE, Kind, Rows, Verdict, readable, rows
+
+SMALLEST, LARGEST = 64, 1 << 14
+"""frames of a piece: fewer where many are left to the pipeline"""
+REJECTS = (SampleReject.NO_CLOCK, SampleReject.CLOCK, SampleReject.REPLACED)
+Take = Callable[[int, Frame], Any]
+
+
+class _Piece(NamedTuple):
+    """What the loops found in a piece of a block."""
+
+    stop: int
+    size: int
+    """number of samples"""
+    published: int
+    estimates: Rows
+    verdicts: NDArray[np.int64]
+    health: NDArray[np.int64]
+
+
+class BlockRunner:
+    """Takes batches of a log for a pipeline.
+
+    Parameters
+    ----------
+    take : gives one frame to the pipeline, as an item of the log.
+    passed : told the `record_scan.INDEX` rows of frames that were taken in a block.
+    """
+
+    def __init__(
+        self, pipeline: Pipeline, take: Take, passed: Callable[[Rows], None] | None = None
+    ) -> None:
+        self.pipeline = pipeline
+        self._take, self._passed = take, passed
+        self._beat: Beat | None = None
+        self._session = 0
+        self._length = SMALLEST
+        self._counts = np.zeros(len(REJECTS), np.int64)
+        self._heights = rows(ALTITUDE)
+
+    def compile(self) -> None:
+        """Compile the loops, by an empty block."""
+        speaker = Speaker((1, 1), (1, 191), 0, 0, None, frozenset(), frozenset(), "none", 0)
+        self._loops(arrays_of(np.zeros(0, np.uint8), rows(INDEX, 0), speaker), 0, 0)
+
+    def run(self, batch: Batch, observer: Callable[[], BlockObserver]) -> None:
+        """Take all frames of a batch; `observer` gives the one of the present session."""
+        at, size = 0, batch.rows.size
+        arrays: Arrays | None = None
+        first, known = 0, None
+        while at < size:
+            speaker = self._speaker(observer())
+            if speaker is not None:
+                if arrays is None or speaker != known:
+                    arrays, first = arrays_of(batch.data, batch.rows[at:], speaker), at
+                    known = speaker
+                stop = self._stop(arrays, at - first)
+                reached = self._piece(arrays, batch.rows[first:], at - first, stop, observer())
+                at = first + reached
+                if at == size or (reached == stop and arrays.frames["what"][reached] != PYTHON):
+                    continue
+            self._single(batch, at)
+            at += 1
+
+    def _speaker(self, observer: BlockObserver) -> Speaker | None:
+        """What decides how frames are taken; None where the pipeline has to take all of them."""
+        pipeline, air = self.pipeline, self.pipeline.air
+        identity, vehicle = pipeline.identity, pipeline.identity.vehicle
+        told = (air.qnh_hpa, air.temperature_c, air.field_elevation_m)
+        if (
+            vehicle is None
+            or pipeline.now_us < 0
+            or pipeline.sends
+            or pipeline.signing is not None
+            or identity.is_signed
+            or any(each is not None for each in told)
+        ):
+            return None
+        session = id(observer)
+        if session != self._session:
+            self._session, self._beat = session, None
+        return Speaker(
+            vehicle,
+            identity.own,
+            identity.autopilot,
+            identity.vehicle_type,
+            pipeline.readings.imu.scale(identity.autopilot),
+            pipeline.wanted,
+            frozenset(pipeline.listeners),
+            pipeline.settings.intake.air_temperature,
+            session,
+            self._beat,
+        )
+
+    def _stop(self, arrays: Arrays, at: int) -> int:
+        """The end of the piece that begins at `at`."""
+        place = int(np.searchsorted(arrays.python, at))
+        end = int(arrays.python[place]) if place < arrays.python.size else arrays.frames.size
+        return min(end, at + self._length)
+
+    def _single(self, batch: Batch, at: int) -> None:
+        """Let the pipeline take one frame."""
+        time_us, frame = batch.frame(at)
+        speaker = (frame.system_id, frame.component_id)
+        self._take(time_us, frame)
+        if frame.message_id == HEARTBEAT and speaker == self.pipeline.identity.vehicle:
+            message = decode(frame)
+            if message is not None and self.pipeline.now_us >= 0:
+                custom = int(message.base_mode & CUSTOM_MODE != 0)
+                self._beat = (message.type, message.autopilot, custom, message.custom_mode)
+
+    def _piece(
+        self, arrays: Arrays, index: Rows, start: int, stop: int, observer: BlockObserver
+    ) -> int:
+        """Take ``frames[start:stop]`` in the loops; the first frame that the pipeline has to take,
+        or `stop`."""
+        if start == stop:
+            return stop
+        states = self._states()
+        before = [state.copy() for state in states]
+        piece = self._loops(arrays, start, stop)
+        if piece.stop < stop:
+            self._length = max(SMALLEST, self._length // 2)
+            arrays.restore()
+            for state, old in zip(states, before, strict=True):
+                state[:] = old
+            if piece.stop == start:
+                return start
+            piece = self._loops(arrays, start, piece.stop)
+        else:
+            self._length = min(LARGEST, 2 * self._length)
+        self._keep(arrays, index[start : piece.stop], start, piece, observer)
+        return piece.stop
+
+    def _states(self) -> list[Rows]:
+        """Everything that the loops write to, beside the arrays of the block."""
+        pipeline, intaking, following = self.pipeline, self._intaking(), self._following()
+        return [
+            *intaking[:-3],
+            *intaking.receivers,
+            *intaking.primaries,
+            *following,
+            pipeline.filter.state,
+            pipeline.filter.estimate,
+        ]
+
+    def _intaking(self) -> Intaking:
+        pipeline, intake = self.pipeline, self.pipeline.intake
+        one, two, three, four = (receiver.state for receiver in intake.receivers)
+        pressure, gnss = (intake.primaries[kind].state for kind in (Kind.PRESSURE, Kind.GNSS))
+        return Intaking(
+            intake.clock.state,
+            intake.clock.params,
+            intake.state,
+            intake.params,
+            pipeline.readings.imu.state,
+            intake.datum.state,
+            intake.datum.params,
+            (one, two, three, four),
+            (pressure, gnss),
+            self._counts,
+        )
+
+    def _following(self) -> Following:
+        pipeline, outputs = self.pipeline, self.pipeline.outputs
+        return Following(
+            pipeline.checker.sensors.state,
+            pipeline.checker.state,
+            pipeline.health.state,
+            pipeline.health.params,
+            outputs.state,
+            outputs.params,
+            outputs.monotonic.state,
+            outputs.leap.state,
+            self._heights,
+        )
+
+    def _loops(self, arrays: Arrays, start: int, stop: int) -> _Piece:
+        """The compiled loops over ``frames[start:stop]``."""
+        frames, readings, tables = arrays.frames, arrays.readings, arrays.tables
+        self._counts[:] = 0
+        stop, count = take_in(frames, readings, tables, self._intaking(), start, stop, 0)
+        verdicts = np.full(count, Verdict.IGNORED, np.int64)
+        health = np.zeros(count, np.int64)
+        if not self.pipeline.estimates:
+            return _Piece(stop, count, 0, rows(ESTIMATE, 0), verdicts, health)
+        running = self.pipeline.filter
+        estimates = readable(np.empty(count + 1, ESTIMATE))
+        estimates[0] = running.estimate[0]
+        if count:
+            estimates[1] = running.estimate[0]
+            taken = tables._replace(order=tables.order[:count])
+            running.method.run(running.state, running.params, taken, estimates[1:], verdicts)
+        stop, published = follow(
+            frames, readings, tables, estimates, verdicts, health, self._following(), start, stop, 0
+        )
+        return _Piece(stop, count, published, estimates, verdicts, health)
+
+    def _keep(
+        self, arrays: Arrays, index: Rows, start: int, piece: _Piece, observer: BlockObserver
+    ) -> None:
+        """Count what was taken, and show it to the observer."""
+        pipeline, frames = self.pipeline, arrays.frames[start : piece.stop]
+        self._count(index, np.asarray(frames["is_vehicle"]) == 1)
+        first, last = frames[0], frames[-1]
+        readings = arrays.readings[int(first["first"]) : int(last["first"] + last["count"])]
+        samples = readings[np.asarray(readings["place"]) >= 0]
+        kinds = np.asarray(samples["kind"])
+        for kind in np.unique(kinds).tolist():
+            pipeline.identity.measured(Kind(kind))
+            counts = np.bincount(piece.verdicts[kinds == kind], minlength=len(Verdict))
+            for verdict, number in enumerate(counts.tolist()):
+                pipeline.verdicts[kind][verdict] += number
+        for cause, number in zip(REJECTS, self._counts.tolist(), strict=True):
+            if number:
+                pipeline.intake.counters[cause] += number
+        if pipeline.estimates:
+            pipeline.filter.estimate[:] = piece.estimates[piece.size :]
+        if pipeline.health.is_vehicle_silent:  # who else is heard at the end of the piece
+            pipeline.age(int(last["arrival_us"]))
+        observer.block(
+            Block(
+                arrays.tables._replace(order=arrays.tables.order[: piece.size]),
+                piece.verdicts,
+                piece.estimates[1:],
+                np.asarray(samples["now_us"]),
+                np.asarray(samples["unix_us"]),
+                piece.health,
+                heights(frames, TRUTH, "now_us"),
+                heights(frames, OWN_HEIGHT, "a_us"),
+                piece.published,
+            )
+        )
+
+    def _count(self, index: Rows, is_vehicle: NDArray[np.bool_]) -> None:
+        """Count the frames, by sender and kind."""
+        pipeline, index = self.pipeline, np.asarray(index)
+        own, others = index[is_vehicle], index[~is_vehicle]
+        if own.size:
+            newest = int(own["version"].max()), int(own["time_us"][-1])
+            beats = bool((own["message_id"] == HEARTBEAT).any())
+            pipeline.identity.took(own.size, *newest, told_again=beats)
+        numbers, counts = np.unique(own["message_id"], return_counts=True)
+        for message_id, number in zip(numbers.tolist(), counts.tolist(), strict=True):
+            pipeline.heard[message_id] = pipeline.heard.get(message_id, 0) + number
+        for system_id, component_id in zip(
+            others["system_id"].tolist(), others["component_id"].tolist(), strict=True
+        ):
+            pipeline.identity.stranger(system_id, component_id)
+        if self._passed is not None:
+            self._passed(index)

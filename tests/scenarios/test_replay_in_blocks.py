@@ -1,0 +1,91 @@
+"""A replay in blocks gives what the pipeline gives for one message at a time: sessions, rows with
+estimates, counts and texts, byte for byte, on a simulated flight and every tlog at hand."""
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from companion.errors import LogFormatError
+from companion.logs import open_log
+from companion.mavlink.codec import Message
+from companion.observer import Observer
+from companion.pipeline import Pipeline
+from companion.replay.record import Recording
+from companion.replay.sessions import Session, sessions_of
+from companion.samples import Kind, Rows, Verdict
+from companion.settings import CompanionSettings
+from tests.paths import DATA
+
+QUICK_BYTES = 230_000
+LOGS = [
+    pytest.param(
+        path, id=path.stem, marks=() if path.stat().st_size < QUICK_BYTES else pytest.mark.long
+    )
+    for path in sorted(DATA.glob("*/*.tlog"))
+]
+
+
+class Single:
+    """A `Recording` that takes no blocks."""
+
+    def __init__(self, pipeline: Pipeline) -> None:
+        self.kept = Recording(pipeline)
+
+    def sample(self, kind: Kind, row: Rows, verdict: Verdict, estimate: Rows) -> None:
+        self.kept.sample(kind, row, verdict, estimate)
+
+    def truth(self, time_us: int, altitude_amsl_m: float, climb_mps: float) -> None:
+        self.kept.truth(time_us, altitude_amsl_m, climb_mps)
+
+    def autopilot(self, time_us: int, altitude_amsl_m: float, climb_mps: float) -> None:
+        self.kept.autopilot(time_us, altitude_amsl_m, climb_mps)
+
+    def published(self, message: Message) -> None:
+        self.kept.published(message)
+
+
+def everything(session: Session[Any], kept: Recording) -> dict[str, Any]:
+    """All that a session holds, in a form that can be compared."""
+    names = ("vehicle", "autopilot", "first_us", "last_us", "samples", "left_out", "heard",
+             "health", "reason", "notes", "rebooted")  # fmt: skip
+    return {name: getattr(session, name) for name in names} | {
+        "rows": kept.rows.tobytes(),
+        "truth": kept.heights(truth=True).tobytes(),
+        "autopilot's": kept.heights(truth=False).tobytes(),
+        "published": kept.published_count,
+        "armed": kept.armed,
+        "unix": kept.unix_offset_us,
+        "rates": Counter(kept.rates),
+        "texts": kept.events.texts,
+        "modes": kept.events.modes,
+        "radio": session.link.radio,
+        "link": [session.link.of(sender) for sender in ((1, 1), session.vehicle)],
+    }
+
+
+def replayed(path: Path, settings: CompanionSettings, observer: type[Any]) -> list[dict[str, Any]]:
+    def make(changed: CompanionSettings, seen: Observer) -> Pipeline:
+        return Pipeline(changed, datagrams=True, observer=seen, sends=False)
+
+    try:
+        found = sessions_of(open_log(path), settings, observer, make)
+    except LogFormatError as error:
+        return [{"error": str(error)}]
+    return [everything(each, getattr(each.seen, "kept", each.seen)) for each in found]
+
+
+def same(path: Path, **changes: Any) -> None:
+    settings = CompanionSettings().with_changes(**changes)
+    assert replayed(path, settings, Recording) == replayed(path, settings, Single)
+
+
+@pytest.mark.parametrize("estimator", ["vertical-bank", "adaptive-fusion"])
+def test_a_simulated_flight(short_hop: Path, estimator: str) -> None:
+    same(short_hop, estimator=estimator)
+
+
+@pytest.mark.parametrize("path", LOGS)
+def test_every_log_at_hand(path: Path) -> None:
+    same(path)

@@ -145,7 +145,7 @@ class HealthMonitor:
 
         `now_us` is the vehicle's clock, `host_us` when the sample arrived.
         """
-        steps.heard(self.state, self.params, kind, verdict, now_us, host_us)
+        steps.heard(self.state, self.params, int(kind), int(verdict), now_us, host_us)
 
     def age(self, host_us: int, others: Callable[[], str]) -> bool:
         """Set health to LOST when the vehicle has been silent on the host's clock; True when it

@@ -107,7 +107,7 @@ class Outputs:
         """Take GLOBAL_POSITION_INT; ALTITUDE with these heights while ours cannot be sent."""
         own, state = own_heights(message), self.state[0]
         state["own_us"], state["own_amsl_m"], state["own_home_m"] = own
-        if not steps.own_height(self.state, self.params, now_us, health):
+        if not steps.own_height(self.state, self.params, now_us, int(health)):
             return None
         return self._of_vehicle(own, now_us)
 
@@ -135,7 +135,7 @@ class Outputs:
         if verdict is Verdict.STALE:
             return  # a late copy
         if kind is Kind.PRESSURE:
-            steps.follow_pressure(self.state, self.monotonic.state, row, verdict)
+            steps.follow_pressure(self.state, self.monotonic.state, row, int(verdict))
         elif kind is Kind.HOME:
             steps.follow_home(self.state, row)
         elif kind is Kind.STATUS:
@@ -148,7 +148,7 @@ class Outputs:
     def altitude(self, now_us: int, health: Health, estimate: Rows) -> Message | None:
         """ALTITUDE, when one is due and may be sent."""
         out, monotonic, leap = self._heights, self.monotonic.state, self.leap.state
-        args = (monotonic, leap, now_us, health, estimate, out)
+        args = (monotonic, leap, now_us, int(health), estimate, out)
         if not steps.altitude(self.state, self.params, *args):
             return None
         return altitude_message(out[0])

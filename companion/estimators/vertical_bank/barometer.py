@@ -4,6 +4,9 @@ is stuck.
 Noise is no less than the median of what consecutive heights differ by beyond the motion. A value
 that repeats while the vehicle moves is improbable in proportion to how often this stream has
 repeated so far; that is the likelihood with which a stuck sensor is found (`repeat_probability`).
+A sensor that is read twice for each of its measurements repeats once and never twice; one of coarse
+resolution repeats by chance, whatever it did before. So the probability of a first, a second and a
+further repeat are counted apart, and each is that of the repeat before it until it has been seen.
 """
 
 import math
@@ -26,10 +29,11 @@ MEDIAN_TO_SD = 1.4826
 MOVED_M = 0.5
 """A vehicle that has moved so far has another pressure around it."""
 MOVING_MPS = 0.5
-REPEAT_WEIGHT, REPEAT_START = 0.02, 0.5
+REPEAT_FORGOTTEN, REPEAT_START = 0.02, 0.5
+COARSEST_M = 8.5
+"""A stream that has not changed yet may resolve a hectopascal."""
 REST_S, REST_INTERVALS = 1.0, 10.0
 INTERVAL_WEIGHT = 1.0 / 16.0
-MISSED_INTERVALS = 2.5
 FRESH_SPEED_US = 3_000_000
 LEAST_REPEAT = 0.02
 SPEED_DRIFT_MPS2 = 0.1
@@ -46,8 +50,12 @@ BAROMETER_RECORD = np.dtype(
         ("time_us", "i8"),  # of the newest height
         ("median_m", "f8"),  # of the differences between consecutive heights beyond the motion
         ("value_us", "i8"),  # since when the value repeats
+        ("change_m", "f8"),  # what it differs from the value before by
         ("interval_s", "f8"),  # between new values, smoothed; NaN unknown
-        ("repeat_probability", "f8"),  # of a new reading while the vehicle moves
+        ("run", "i8"),  # number of repeats of the newest value
+        ("doubt", "f8"),  # probability of those in which the vehicle had moved
+        ("seen_runs", "f8", (3,)),  # while the vehicle moves: readings after no, one, more repeats
+        ("repeated", "f8", (3,)),  # how many of them were repeats
         ("stuck", "i8"),
         ("speed_us", "i8"),  # newest airspeed, else ground speed
         ("airspeed_us", "i8"),
@@ -63,7 +71,10 @@ def barometer_start(baro: Record, p: Record) -> None:
     """No barometer heard."""
     baro.seen, baro.pressure_pa, baro.height_m, baro.path_m = 0, math.nan, math.nan, 0.0
     baro.smooth_m, baro.time_us, baro.median_m = math.nan, -1, p.baro_sd_m
-    baro.value_us, baro.interval_s, baro.repeat_probability = -1, math.nan, REPEAT_START
+    baro.value_us, baro.interval_s, baro.run, baro.doubt = -1, math.nan, 0, 1.0
+    baro.change_m = COARSEST_M
+    for k in range(3):
+        baro.seen_runs[k], baro.repeated[k] = 0.0, 0.0
     baro.heard_us, baro.stuck, baro.head_m, baro.lift = -1, 0, 0.0, 0.0
     baro.speed_us, baro.airspeed_us = -FRESH_SPEED_US, -FRESH_SPEED_US
 
@@ -102,6 +113,7 @@ def note_height(
 ) -> None:
     """A new value: noise and interval of the stream, and its smoothed height."""
     if baro.seen == 1:
+        baro.change_m = abs(height_m - baro.height_m)
         change_m = abs(height_m - baro.height_m - (path_m - baro.path_m))
         up = change_m > baro.median_m
         baro.median_m *= 1.0 + NOISE_STEP if up else 1.0 / (1.0 + NOISE_STEP)
@@ -137,19 +149,33 @@ def noise_m2(baro: Record, p: Record) -> float:
 
 
 @step
-def note_repeat(baro: Record, is_repeat: bool, climb_mps: float) -> None:
-    """How often a reading repeats the one before while the vehicle moves."""
+def note_run(baro: Record, climb_mps: float) -> None:
+    """A new value ends a run of repeats: what it says about how often readings repeat in motion."""
     if abs(climb_mps) > MOVING_MPS and baro.stuck == 0:
-        target = 1.0 if is_repeat else 0.0
-        baro.repeat_probability += REPEAT_WEIGHT * (target - baro.repeat_probability)
-        baro.repeat_probability = max(LEAST_REPEAT, baro.repeat_probability)
+        for k in range(3):
+            baro.seen_runs[k] *= 1.0 - REPEAT_FORGOTTEN
+            baro.repeated[k] *= 1.0 - REPEAT_FORGOTTEN
+        for i in range(baro.run + 1):
+            baro.seen_runs[min(i, 2)] += 1.0
+            baro.repeated[min(i, 2)] += 1.0 if i < baro.run else 0.0
+    baro.run, baro.doubt = 0, 1.0
 
 
 @step
-def is_missed(baro: Record, time_us: int) -> bool:
-    """Whether a value repeats for longer than a stream does that is sent more often than the sensor
-    measures, or in coarse steps: at least three new values are missed."""
-    return not (time_us - baro.value_us) * 1e-6 <= MISSED_INTERVALS * baro.interval_s
+def repeat_probability(baro: Record) -> float:
+    """Probability of the newest repeat in motion, by how often this stream has repeated after as
+    many repeats."""
+    probability = REPEAT_START
+    for k in range(min(baro.run, 3)):
+        probability = (baro.repeated[k] + probability) / (baro.seen_runs[k] + 1.0)
+    return max(LEAST_REPEAT, probability)
+
+
+@step
+def has_moved(baro: Record, path_m: float, climb_mps: float) -> bool:
+    """Whether the vehicle moves, and has done since the newest value by more than that differed
+    from the one before: by noise, resolution or motion."""
+    return abs(climb_mps) > MOVING_MPS and abs(path_m - baro.path_m) > baro.change_m
 
 
 @step

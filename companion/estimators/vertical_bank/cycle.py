@@ -7,7 +7,7 @@ from companion.estimators.vertical_bank.barometer import unseen_speed_mps
 from companion.estimators.vertical_bank.beginning import resume
 from companion.estimators.vertical_bank.channel import PORT
 from companion.estimators.vertical_bank.hypotheses import search, switch
-from companion.estimators.vertical_bank.inertial import is_inertial
+from companion.estimators.vertical_bank.inertial import has_seen
 from companion.estimators.vertical_bank.mixture import advance, climb_the_column, mean, variance
 from companion.estimators.vertical_bank.publishing import publish
 from companion.estimators.vertical_bank.takeoff import watch_takeoff
@@ -26,9 +26,10 @@ DATUM_SIGMA = 5.0
 
 
 @step
-def is_blind(state: Rows) -> bool:
-    """Whether nothing is known of the vehicle's acceleration now."""
-    return not is_inertial(state[0].imu, state[0].bank.now_us)
+def is_blind(state: Rows, elapsed_s: float) -> bool:
+    """Whether the vehicle's acceleration is unknown now or was within the last `elapsed_s`: an IMU
+    that was away too has not denied a motion since the last height."""
+    return not has_seen(state[0].imu, state[0].bank.now_us, elapsed_s)
 
 
 @step
@@ -61,7 +62,7 @@ def conclude(state: Rows, params: Rows, estimate: Rows) -> None:
     switch(s.bank, p, s.baro.stuck)
     if p.integrity == 1 and s.gnss.seen == 1 and s.baro.seen == 1:
         search(s.bank, p)
-        attribute(s.named, s.bank, p.attribution_probability, is_blind(state))
+        attribute(s.named, s.bank, p.attribution_probability, is_blind(state, 0.0))
     if watch_takeoff(s.takeoff, s.bank):
         note_takeoff(s.aids, s.bank.now_us)
     if s.takeoff.time_us < 0 and not s.gnss.ground_speed_mps > REST_SPEED_MPS:

@@ -33,13 +33,11 @@ from companion.estimators.vertical_bank.hypotheses import (
 )
 from companion.estimators.vertical_bank.inertial import is_inertial, known_displacement
 from companion.estimators.vertical_bank.mixture import (
-    BA,
-    GN,
     N,
     expected,
     expected_variance,
     fuse,
-    heaviest,
+    heaviest_accuser,
     surprises,
 )
 from companion.estimators.vertical_bank.redundancy import (
@@ -112,18 +110,18 @@ def hear_fix(state: Rows, params: Rows, sample: Rows, fix_m: float, late_s: floa
         meet_gnss(state, params, fix_m)
     s.gnss.innovation_m = fix_m - expected(s.bank, s.bank.H)
     if p.integrity == 1 and s.gnss.seen == 1 and s.baro.seen == 1:
+        blind = is_blind(state, elapsed_s)
         if elapsed_s > OUTAGE_S:
-            blind = is_blind(state)
             suppose_after_outage(s.bank, p, p.outage_fault_probabilities[0 if blind else 1])
         if surprises(s.bank, fix_m, R, SURPRISE_SIGMA):
             if discredit(s.gnss, p, fix_type, s.gnss.innovation_m, s.bank.now_us):
                 R = expect_fix(state, params, sample, PLAIN, elapsed_s)
             else:
-                on_gnss_surprise(s.bank, p, is_blind(state), elapsed_s)
+                on_gnss_surprise(s.bank, p, blind, elapsed_s)
     s.gnss.seen, s.gnss.used_us = 1, s.bank.now_us
     fuse(s.bank, fix_m, R, p.tempering_ratio * min(1.0, elapsed_s / FIX_INTERVAL_S), 0)
     if fix_type > PLAIN and fault_probability(s.bank, GNSS_HEIGHT) > DISCREDIT_PROBABILITY:
-        wrong = heaviest(s.bank, GN, BA)
+        wrong = heaviest_accuser(s.bank)
         if discredit(s.gnss, p, fix_type, s.bank.x[wrong, GNSS_BIAS], s.bank.now_us):
             drop_gnss_faults(s.bank)
     if s.baro.seen == 1 and (elapsed_s > OUTAGE_S or s.gnss.against_m > 0.0):

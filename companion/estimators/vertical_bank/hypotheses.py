@@ -47,6 +47,7 @@ from companion.estimators.vertical_bank.mixture import (
     baro_is_wrong,
     gnss_is_wrong,
     heaviest,
+    heaviest_accuser,
     imu_is_wrong,
     normalise,
 )
@@ -66,15 +67,20 @@ LONGEST_ONSET_S = 10.0
 
 
 @step
-def suppose(bank: Record, parent: int, first: int, end: int, prior: float) -> int:
+def suppose(
+    bank: Record, parent: int, first: int, end: int, prior: float, is_surprise: bool
+) -> int:
     """A copy of hypothesis `parent` in the least probable slot of [first, end), with the share
-    `prior` of its probability; its slot, or -1 when all slots hold what is more probable."""
+    `prior` of its probability; its slot.
+
+    What explains a surprise needs a slot at once. A search gets none (-1) while all slots hold what
+    is more probable: what began earlier knows more of a slow fault."""
     slot = -1
     for i in range(first, end):
         if i != parent and (slot < 0 or bank.weight[i] < bank.weight[slot]):
             slot = i
     weight = bank.weight[parent] * prior
-    if slot < 0 or bank.weight[slot] > 10.0 * weight:
+    if slot < 0 or (not is_surprise and bank.weight[slot] > 10.0 * weight):
         return -1
     duplicate(bank.x[slot], bank.P[slot], bank.x[parent], bank.P[parent])
     bank.weight[slot], bank.weather[slot] = weight, bank.weather[parent]
@@ -89,7 +95,7 @@ def suppose_gnss_fault(
     """The most probable hypothesis, but its receiver is wrong since now."""
     top = heaviest(bank, 0, N)
     both = baro_is_wrong(top)
-    slot = suppose(bank, top, BO if both else GN, RE if both else BA, prior)
+    slot = suppose(bank, top, BO if both else GN, RE if both else BA, prior, is_jump == 1)
     if slot >= 0:
         bank.P[slot, GNSS_BIAS, GNSS_BIAS] += jump_m * jump_m
         if not gnss_is_wrong(top):
@@ -98,12 +104,14 @@ def suppose_gnss_fault(
 
 
 @step
-def suppose_baro_fault(bank: Record, jump_m: float, slide_mps: float, prior: float) -> None:
+def suppose_baro_fault(
+    bank: Record, jump_m: float, slide_mps: float, prior: float, is_jump: int
+) -> None:
     """The most probable hypothesis, but its barometer is wrong since now."""
     top = heaviest(bank, 0, N)
     both = gnss_is_wrong(top)
     end = MO - 1 if bank.outage == 1 and bank.blind == 1 else MO  # the last is of unseen faults
-    slot = suppose(bank, top, BO if both else BA, RE if both else end, prior)
+    slot = suppose(bank, top, BO if both else BA, RE if both else end, prior, is_jump == 1)
     if slot >= 0:
         bank.P[slot, OFFSET, OFFSET] += jump_m * jump_m
         if not baro_is_wrong(top):
@@ -122,7 +130,7 @@ def suppose_motion(bank: Record, p: Record, is_blind: bool, elapsed_s: float) ->
     prior = rate_per_h * PER_H * elapsed_s
     slot = MO
     if bank.weight[MO] <= bank.weight[top] * prior:  # else it has learned since it was supposed
-        slot = suppose(bank, top, MO, BO, prior)
+        slot = suppose(bank, top, MO, BO, prior, True)
         if slot >= 0:
             bank.P[slot, CLIMB, CLIMB] += p.manoeuvre_mps * p.manoeuvre_mps
             bank.P[slot, HEIGHT, HEIGHT] += UNSEEN_M * UNSEEN_M
@@ -132,10 +140,10 @@ def suppose_motion(bank: Record, p: Record, is_blind: bool, elapsed_s: float) ->
 
 
 @step
-def suppose_return(bank: Record, parent: int, prior: float) -> None:
+def suppose_return(bank: Record, parent: int, prior: float, is_surprise: bool) -> None:
     """Hypothesis `parent`, but its receiver is well again since now; that much less of the parent
     remains."""
-    slot = suppose(bank, parent, RE, N, prior)
+    slot = suppose(bank, parent, RE, N, prior, is_surprise)
     bank.weight[parent] *= 1.0 - min(1.0, prior)
     if slot >= 0:
         replace(bank.x[slot], bank.P[slot], GNSS_BIAS, 0.0, bank.slow_m2)
@@ -157,22 +165,22 @@ def divide_anew(bank: Record, i: int, m2: float) -> None:
 def suppose_after_outage(bank: Record, p: Record, prior: float) -> None:
     """The barometer has been wrong since some time of an outage of GNSS, and took the height with
     it."""
-    slot = suppose(bank, heaviest(bank, 0, N), MO - 1, MO, prior)
+    slot = suppose(bank, heaviest(bank, 0, N), MO - 1, MO, prior, False)
     if slot >= 0:
         divide_anew(bank, slot, p.outage_fault_m * p.outage_fault_m)
 
 
 @step
 def on_gnss_surprise(bank: Record, p: Record, is_blind: bool, elapsed_s: float) -> None:
-    """What may be behind a fix that the most probable hypothesis does not explain."""
-    top = heaviest(bank, 0, N)
+    """What may be behind a fix that the most probable hypothesis does not explain: a fault begins,
+    or one that was less probable until now ends."""
+    top, accuser = heaviest(bank, 0, N), heaviest_accuser(bank)
     elapsed_s = min(elapsed_s, LONGEST_ONSET_S)
-    if gnss_is_wrong(top):
-        rejump = p.rejump_rate_per_h * PER_H * elapsed_s
-        suppose_return(bank, top, rejump)
-        suppose_gnss_fault(bank, p.gnss_jump_m, 0.0, rejump, 1)
-    else:
-        suppose_gnss_fault(bank, p.gnss_jump_m, 0.0, p.fault_rate_per_h * PER_H * elapsed_s, 1)
+    rejump = p.rejump_rate_per_h * PER_H * elapsed_s
+    first = p.fault_rate_per_h * PER_H * elapsed_s
+    if bank.weight[accuser] > 0.0:
+        suppose_return(bank, accuser, rejump, True)
+    suppose_gnss_fault(bank, p.gnss_jump_m, 0.0, rejump if gnss_is_wrong(top) else first, 1)
     suppose_motion(bank, p, is_blind, elapsed_s)
 
 
@@ -182,9 +190,8 @@ def on_baro_surprise(bank: Record, p: Record, is_blind: bool, elapsed_s: float) 
     top = heaviest(bank, 0, N)
     elapsed_s = min(elapsed_s, LONGEST_ONSET_S)
     rate_per_h = p.rejump_rate_per_h if baro_is_wrong(top) else p.fault_rate_per_h
-    suppose_baro_fault(
-        bank, p.baro_jump_m, 3.0 * p.baro_fault_rate_mps, rate_per_h * PER_H * elapsed_s
-    )
+    prior = rate_per_h * PER_H * elapsed_s
+    suppose_baro_fault(bank, p.baro_jump_m, 3.0 * p.baro_fault_rate_mps, prior, 1)
     suppose_motion(bank, p, is_blind, elapsed_s)
 
 
@@ -194,6 +201,16 @@ def doubt_repeat(bank: Record, repeat_probability: float) -> None:
     for i in range(N):
         if not baro_is_wrong(i):
             bank.weight[i] *= repeat_probability
+    normalise(bank)
+
+
+@step
+def trust_again(bank: Record, doubt: float) -> None:
+    """A new value after repeats of this probability: they were chance, which takes back
+    `doubt_repeat`."""
+    for i in range(N):
+        if baro_is_wrong(i):
+            bank.weight[i] *= doubt
     normalise(bank)
 
 
@@ -221,7 +238,7 @@ def suppose_baro_is_well(bank: Record, p: Record, elapsed_s: float) -> None:
     both = heaviest(bank, BO, RE)
     if bank.weight[both] == 0.0:
         return
-    slot = suppose(bank, both, GN, BA, elapsed_s / p.baro_fault_time_s)
+    slot = suppose(bank, both, GN, BA, elapsed_s / p.baro_fault_time_s, False)
     bank.weight[both] *= 1.0 - min(1.0, elapsed_s / p.baro_fault_time_s)
     if slot >= 0:
         rate_sd = p.rate_sd_mps[bank.weather[slot]]
@@ -244,10 +261,10 @@ def search(bank: Record, p: Record) -> None:
         unseen = (p.fault_rate_per_h + p.slide_rate_per_h) * PER_H * elapsed_s
         suppose_after_outage(bank, p, unseen + bank.weight[MO - 1])
     elif not baro_is_wrong(top):
-        suppose_baro_fault(bank, p.slide_onset_m, p.baro_fault_rate_mps, prior)
+        suppose_baro_fault(bank, p.slide_onset_m, p.baro_fault_rate_mps, prior, 0)
     for i in range(GN, RE):
         if bank.weight[i] > 0.0 and gnss_is_wrong(i):
-            suppose_return(bank, i, elapsed_s / lasts_s(bank, p, i))
+            suppose_return(bank, i, elapsed_s / lasts_s(bank, p, i), False)
     suppose_baro_is_well(bank, p, elapsed_s)
     normalise(bank)
 

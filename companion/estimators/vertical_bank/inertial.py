@@ -34,6 +34,7 @@ INERTIAL = np.dtype(
         *ring_fields("fallen", RING_SIZE),  # S at recent instants
         ("up_us", "i8"),  # newest upward acceleration
         ("up_mps2", "f8"),
+        ("since_us", "i8"),  # since when samples have come without a gap
         ("shake_psd", "f8"),  # of what it changes by from sample to sample
         ("tilt_psd", "f8"),  # of its error by a wrong attitude
         ("across_new", "f8", (3,)),  # horizontal force in the body, over a second, over a minute
@@ -55,7 +56,7 @@ INERTIAL = np.dtype(
 def inertial_start(imu: Record) -> None:
     """Nothing known."""
     clear(imu.fallen_us, imu.fallen_values)
-    imu.up_us, imu.until_us = -1, -1
+    imu.up_us, imu.until_us, imu.since_us = -1, -1, -1
     imu.up_mps2, imu.shake_psd, imu.tilt_psd = math.nan, 0.0, 0.0
     for i in range(3):
         imu.across_new[i], imu.across_old[i] = 0.0, 0.0
@@ -113,12 +114,21 @@ def is_inertial(imu: Record, time_us: int) -> bool:
 
 
 @step
+def has_seen(imu: Record, time_us: int, elapsed_s: float) -> bool:
+    """Whether the upward acceleration is known, and samples have come throughout the last
+    `elapsed_s`."""
+    return is_inertial(imu, time_us) and (time_us - imu.since_us) * 1e-6 >= elapsed_s
+
+
+@step
 def take_acceleration(
     imu: Record, p: Record, interval_s: float, time_us: int, up_mps2: float
 ) -> None:
     """The upward acceleration of the stretch since the last one, if that was not long ago; NaN is
     unknown."""
     before_us, imu.up_us = imu.up_us, time_us
+    if time_us - before_us > BLIND_US:
+        imu.since_us = time_us
     note_shake(imu, interval_s, up_mps2)
     imu.up_mps2 = up_mps2 if time_us - before_us <= BLIND_US else math.nan
     integrate(imu, p, interval_s, time_us)

@@ -154,6 +154,13 @@ def heaviest(bank: Record, first: int, end: int) -> int:
 
 
 @step
+def heaviest_accuser(bank: Record) -> int:
+    """The most probable hypothesis that says that the receiver is wrong."""
+    alone, both = heaviest(bank, GN, BA), heaviest(bank, BO, RE)
+    return both if bank.weight[both] > bank.weight[alone] else alone
+
+
+@step
 def normalise(bank: Record) -> None:
     """Probabilities sum to 1; what is negligible is dropped."""
     total = 0.0

@@ -16,11 +16,11 @@ from companion.estimators.vertical_bank.attribution import BAROMETER, fault_prob
 from companion.estimators.vertical_bank.baro_terms.lag import lag_climb_mps, slope_mps
 from companion.estimators.vertical_bank.baro_terms.timing import timing_m2
 from companion.estimators.vertical_bank.barometer import (
-    MOVED_M,
-    is_missed,
+    has_moved,
     noise_m2,
     note_height,
-    note_repeat,
+    note_run,
+    repeat_probability,
     rests,
     sees_barometer,
 )
@@ -31,6 +31,7 @@ from companion.estimators.vertical_bank.hypotheses import (
     SURPRISE_SIGMA,
     doubt_repeat,
     on_baro_surprise,
+    trust_again,
 )
 from companion.estimators.vertical_bank.mixture import (
     N,
@@ -84,10 +85,13 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     height_m = read_m - offset_m(s.spares, BAROMETERS, instance)
     s.baro.heard_us = time_us
     is_repeat = sample[0].pressure_pa == s.baro.pressure_pa and silent_us <= SILENT_US
-    note_repeat(s.baro, is_repeat, mean(s.bank, CLIMB))
     if is_repeat:
-        hear_repeat(state, params, time_us)
+        s.baro.run += 1
+        hear_repeat(state, params)
     else:
+        if s.baro.stuck == 0 and s.baro.doubt < 1.0:
+            trust_again(s.bank, s.baro.doubt)
+        note_run(s.baro, mean(s.bank, CLIMB))
         hear_height(state, params, time_us, sample[0].pressure_pa, height_m, silent_us)
     if not is_repeat or rests(s.baro, time_us, s.bank.path_m, mean(s.bank, CLIMB)):
         R = noise_m2(s.baro, p) + timing_m2(p.timing_sd_s, s.bank.climb_mps, silent_us * 1e-6)
@@ -96,7 +100,8 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         )
         watched = p.integrity == 1 and s.gnss.seen == 1
         if watched and surprises(s.bank, s.baro.height_m, R, SURPRISE_SIGMA):
-            on_baro_surprise(s.bank, p, is_blind(state), silent_us * 1e-6)
+            elapsed_s = silent_us * 1e-6
+            on_baro_surprise(s.bank, p, is_blind(state, elapsed_s), elapsed_s)
         share = min(1.0, silent_us * 1e-6 / BARO_INTERVAL_S)
         fuse(s.bank, s.baro.height_m, R, p.tempering_ratio * share, 1)
     conclude(state, params, estimate)
@@ -135,14 +140,14 @@ def hear_height(
 
 
 @step
-def hear_repeat(state: Rows, params: Rows, time_us: int) -> None:
-    """The same value again: the more improbable, the more the vehicle has moved since."""
+def hear_repeat(state: Rows, params: Rows) -> None:
+    """The same value again, which is improbable once the vehicle has moved."""
     s, p = state[0], params[0]
-    if p.integrity == 0 or abs(s.bank.path_m - s.baro.path_m) <= MOVED_M:
-        return
-    if not is_missed(s.baro, time_us):
+    if p.integrity == 0 or not has_moved(s.baro, s.bank.path_m, mean(s.bank, CLIMB)):
         return
     on_baro_surprise(s.bank, p, True, BARO_INTERVAL_S)
-    doubt_repeat(s.bank, s.baro.repeat_probability)
+    probability = repeat_probability(s.baro)
+    s.baro.doubt *= probability
+    doubt_repeat(s.bank, probability)
     if fault_probability(s.bank, BAROMETER) > p.attribution_probability:
         s.baro.stuck = 1

@@ -239,3 +239,20 @@ def test_another_boot_is_another_agreement() -> None:
         sent += pipeline.feed(Packet(packet.time_us, packet.data))
     assert pipeline.health.health is Health.OK
     assert pipeline.checker.restarts == 0
+
+
+@QUICK
+@given(seeds, st.floats(35.0, 500.0), signs)
+def test_who_keeps_the_height_of_before_a_gnss_jump_stays_supported(
+    seed: int, size_m: float, sign: float
+) -> None:
+    """Also when the jump has lasted longer than the flight before it. Who takes the new height
+    after as long is supported too: the checker cannot tell which of the two is wrong."""
+    fault = step(80.0, sign * size_m, 320.0)
+    assert not [row for row in play(seed, 400.0, truth, gnss_fault=fault) if row[2]]
+
+    def takes_it(time_s: float, truth_m: float, gnss_m: float, baro_m: float) -> float:
+        return gnss_m if time_s > 200.0 else truth_m
+
+    late = [row for row in play(seed, 300.0, takes_it, gnss_fault=fault) if row[0] > 210.0]
+    assert not [row for row in late if row[2]]

@@ -1,0 +1,105 @@
+"""The vertical bank's hypotheses about faults: how they begin, what they need, how they end."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from companion.estimators.method import run_log
+from companion.estimators.vertical_bank import steps as vb
+from companion.estimators.vertical_bank.beginning import bank_start
+from companion.estimators.vertical_bank.hypotheses import on_gnss_surprise, search
+from companion.estimators.vertical_bank.inertial import has_seen, inertial_start, take_acceleration
+from companion.estimators.vertical_bank.mixture import BA, GN, RE, N
+from companion.estimators.vertical_bank.settings import VerticalBankSettings
+from companion.samples import FaultySensor, Kind
+from tests.flights import Flight, flight
+
+
+def bank_and_params() -> tuple[Any, Any]:
+    params = VerticalBankSettings().params().view(np.recarray)
+    bank = vb.METHOD.init(params).view(np.recarray)[0].bank
+    bank_start(bank, params[0])
+    bank.now_us, bank.slow_m2 = 100_000_000, 9.0
+    bank.outage = bank.blind = 0
+    return bank, params[0]
+
+
+def test_what_explains_a_surprise_finds_a_slot_among_more_probable_slides() -> None:
+    """Four slides of a thousandth each filled the table: a jump was then followed by 100 m."""
+    bank, params = bank_and_params()
+    bank.weight[GN:BA] = 1e-3
+    on_gnss_surprise(bank, params, False, 0.2)
+    assert bank.jumped[GN:BA].sum() == 1
+    assert bank.weight[GN:BA].min() < 1e-5
+
+
+def test_a_search_takes_no_slot_of_what_is_more_probable() -> None:
+    bank, params = bank_and_params()
+    bank.weight[GN:BA] = 1e-2
+    bank.searched_us = bank.now_us - 10_000_000
+    search(bank, params)
+    assert bank.weight[GN:BA].min() > 4e-3
+
+
+def test_a_surprise_may_be_the_end_of_a_fault_that_was_not_the_most_probable() -> None:
+    bank, params = bank_and_params()
+    bank.weight[GN] = 1e-2
+    on_gnss_surprise(bank, params, False, 0.2)
+    assert bank.weight[RE:N].max() == pytest.approx(1e-2 * 30.0 / 3600.0 * 0.2)
+
+
+def frozen(made: Flight, start_s: float, end_s: float) -> Flight:
+    chosen = made.within(Kind.PRESSURE, start_s, end_s)
+    pressures = made.tables[Kind.PRESSURE]["pressure_pa"]
+    pressures[chosen] = pressures[np.flatnonzero(chosen)[0]]
+    return made
+
+
+def named_s(made: Flight, fault: FaultySensor) -> float:
+    """Seconds of the first estimate that names a sensor, which must be this one."""
+    estimates, _, _ = run_log(vb.METHOD, made.log())
+    assert set(estimates["faulty"]) <= {0, fault}
+    return float(made.elapsed_s(estimates["time_us"])[np.argmax(estimates["faulty"] == fault)])
+
+
+@pytest.mark.parametrize("imu_hz", [0.0, 50.0])
+@pytest.mark.parametrize("pressure_hz", [10.0, 20.0])
+def test_a_frozen_barometer_is_named_within_half_a_second(
+    imu_hz: float, pressure_hz: float
+) -> None:
+    """In a climb of 4 m/s: a stream that never repeated has repeated four times."""
+    made = frozen(flight(imu_hz=imu_hz, pressure_hz=pressure_hz), 40.0, 60.0)
+    assert 0.0 < named_s(made, FaultySensor.BAROMETER) - 40.0 <= 0.55
+
+
+@pytest.mark.parametrize("resolution_pa", [10.0, 30.0, 100.0])
+def test_chance_repeats_of_a_coarse_stream_are_nobodys_fault(resolution_pa: float) -> None:
+    """A tenth of a hectopascal, and a whole one: 8 m, two seconds of the climb. They were held
+    against the barometer for most of the flight."""
+    made = flight()
+    pressures = made.tables[Kind.PRESSURE]["pressure_pa"]
+    pressures[:] = np.round(pressures / resolution_pa) * resolution_pa
+    estimates, _, _ = run_log(vb.METHOD, made.log())
+    assert not estimates["faulty"].any()
+
+
+def test_a_stream_that_is_sent_twice_as_often_as_it_is_measured_may_repeat_once() -> None:
+    made = flight(pressure_hz=20.0)
+    pressures = made.tables[Kind.PRESSURE]["pressure_pa"]
+    pressures[1::2] = pressures[: pressures[1::2].size * 2 : 2]
+    estimates, _, _ = run_log(vb.METHOD, made.log())
+    assert not estimates["faulty"].any()
+    assert 0.0 < named_s(frozen(made, 40.0, 60.0), FaultySensor.BAROMETER) - 40.0 <= 1.0
+
+
+def test_an_imu_that_was_away_denies_no_motion() -> None:
+    """After a gap of every sensor the barometer alone was held against the IMU: a chance surprise
+    made the height unknown."""
+    params = VerticalBankSettings().params().view(np.recarray)
+    imu = vb.METHOD.init(params).view(np.recarray)[0].imu
+    inertial_start(imu)
+    for time_us in (*range(20_000, 1_000_000, 20_000), *range(6_000_000, 6_200_000, 20_000)):
+        take_acceleration(imu, params[0], 0.02, time_us, 0.0)
+    assert has_seen(imu, 6_200_000, 0.15)
+    assert not has_seen(imu, 6_200_000, 5.0)

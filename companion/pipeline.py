@@ -238,8 +238,7 @@ class Pipeline:
         self._host_us = arrival_us
         sent: list[bytes] = []
         for frame in frames:
-            sent += self._frame(frame, arrival_us, source)
-            sent += self.age(arrival_us)
+            sent += self._frame(frame, arrival_us, source) + self.age(arrival_us)
         return sent
 
     def _frame(self, frame: Frame, arrival_us: int, source: Hashable) -> list[bytes]:
@@ -334,27 +333,28 @@ class Pipeline:
             self.intake.counters[SampleReject.REPLACED] += 1
         else:
             row = self.intake.row(reading, time_us, arrival_us)
-            return sent + self._sample(reading.kind, row)
-        return sent + self._react(used=False)
+            return sent + self._sample(reading.kind, row, reading.instance)
+        return sent + self._react(self.now_us, used=False)
 
-    def _sample(self, kind: Kind, row: Rows) -> list[bytes]:
+    def _sample(self, kind: Kind, row: Rows, instance: int = 0) -> list[bytes]:
         """Give a sample to the estimator and its verdict to all who follow it."""
-        known = self.air.follow(kind, row, self.now_us)
+        now_us = self.now_us
+        known = self.air.follow(kind, row, now_us)
         sent = self._sample(Kind.AIR, self.intake.air(known, row)) if known is not None else []
         self.identity.measured(kind)
         self.checker.sample(kind, row)
         verdict = self.filter.step(kind, row)
         self.verdicts[kind][verdict] += 1
-        if row[0]["instance"] == 0 or verdict is Verdict.USED:
-            self.health.sample(kind, verdict, self.now_us, int(row[0]["arrival_us"]))
+        if instance == 0 or verdict is Verdict.USED:
+            self.health.sample(kind, verdict, now_us, int(row["arrival_us"][0]))
         self.outputs.sample(kind, row, verdict, self.filter.estimate)
         if self._observer is not None:
             self._observer.sample(kind, row, verdict, self.filter.estimate)
-        return sent + self._react(used=verdict is Verdict.USED)
+        return sent + self._react(now_us, used=verdict is Verdict.USED)
 
-    def _react(self, *, used: bool) -> list[bytes]:
-        """What is due now that the vehicle's clock has moved: health, ALTITUDE, DEBUG."""
-        now_us, estimate = self.now_us, self.filter.estimate
+    def _react(self, now_us: int, *, used: bool) -> list[bytes]:
+        """What is due now that the vehicle's clock is at `now_us`: health, ALTITUDE, DEBUG."""
+        estimate = self.filter.estimate
         messages: list[Message] = []
         changed = False
         if used or self.health.is_due(now_us):

@@ -24,6 +24,8 @@ FIX_3D = 3
 class TimeBase(Enum):
     """What a stamp counts from."""
 
+    __hash__ = object.__hash__  # an enum's own is Python code, and one is hashed for each reading
+
     BOOT = "microseconds since boot"
     EITHER = "microseconds since boot or since 1970"
     NONE = "no stamp: take the newest time heard"

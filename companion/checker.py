@@ -21,6 +21,7 @@ from companion.agreement import (
     GNSS,
     NONE,
     Agreement,
+    agreed_m,
     follow_fix,
     follow_pressure,
     limit_m,
@@ -108,7 +109,7 @@ def objection(a: Rows, now_us: int, altitude_m: float) -> int:
         return APART
     if not (by_baro or by_gnss):
         return NO_OBJECTION
-    above_m = altitude_m - a[0].baro_m - a[0].difference_m
+    above_m = altitude_m - a[0].baro_m - agreed_m(a, a[0].baro_m)
     follows_gnss = above_m * math.copysign(2.0, a[0].gap_m) > gap_m
     near_baro = by_baro and abs(above_m) <= limit_m(a)
     near_gnss = by_gnss and abs(altitude_m - a[0].gnss_m) <= a[0].gnss_limit_m

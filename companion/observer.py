@@ -33,6 +33,9 @@ class Block(NamedTuple):
     verdicts: NDArray[np.int64]
     estimates: Rows
     """ESTIMATE rows: as each sample left them"""
+    times_us: NDArray[np.int64]
+    """of the samples"""
+    instances: NDArray[np.int64]
     now_us: NDArray[np.int64]
     """the vehicle's clock"""
     unix_us: NDArray[np.int64]

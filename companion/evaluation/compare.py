@@ -16,7 +16,7 @@ from companion.evaluation.integrity import coverage, protection
 from companion.evaluation.metrics import Array, errors, truth_at
 from companion.evaluation.samples import BOOT_US, Sampler, Tap, samples_of
 from companion.evaluation.smoother import measured_of, smooth
-from companion.kernels.atmosphere import baro_altitude_array
+from companion.kernels.arrays import baro_altitude_array
 from companion.logs import open_log
 from companion.replay.sessions import Session, sessions_of
 from companion.samples import Kind, Rows, SampleLog

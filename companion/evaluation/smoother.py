@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.evaluation.metrics import Array
-from companion.kernels.atmosphere import baro_altitude_array
+from companion.kernels.arrays import baro_altitude_array
 from companion.kernels.rts import backward, forward
 from companion.samples import Kind, SampleLog
 

@@ -11,7 +11,7 @@ from companion.samples import Rows
 
 NONE_US = -(1 << 62)
 CLIMB_M = 20.0
-"""change of the barometer's height over which the ratio of the two changes is checked"""
+"""change of both heights over which their ratio is checked: a smaller one is noise or a spike"""
 FACTORS = (0.01, 0.1, 10.0, 100.0)
 TOLERANCE = 0.2
 SETTLING_US = 5_000_000
@@ -74,7 +74,7 @@ def check_height(r: Rows, row: Rows, baro_m: float) -> int:
     if not r[0].has_start:
         r[0].has_start, r[0].start_baro_m, r[0].start_gnss_m = 1, baro_m, height_m
     climb_m, moved_m = baro_m - r[0].start_baro_m, height_m - r[0].start_gnss_m
-    if abs(climb_m) >= CLIMB_M:
+    if min(abs(climb_m), abs(moved_m)) >= CLIMB_M:
         r[0].start_baro_m, r[0].start_gnss_m = baro_m, height_m
         factor = 1.0
         for i in range(len(FACTORS)):

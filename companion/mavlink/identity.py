@@ -175,10 +175,15 @@ class Identity:
         if told_again:
             self._changes = 0
 
-    def stranger(self, system_id: int, component_id: int) -> None:
+    def stranger(self, speaker: tuple[int, int]) -> None:
         """Count a frame of another sender."""
         self.counters[Origin.STRANGER] += 1
-        self._note_stranger((system_id, component_id))
+        self._note_stranger(speaker)
+
+    def station(self, speaker: tuple[int, int], arrival_us: int) -> None:
+        """A HEARTBEAT of a ground station."""
+        if speaker in self.stations or len(self.stations) < MOST_REMEMBERED:
+            self.stations[speaker] = arrival_us
 
     def heartbeat(
         self, frame: Frame, message: Message, arrival_us: int, source: Hashable = None
@@ -187,8 +192,7 @@ class Identity:
         followed now, or none."""
         speaker = (frame.system_id, frame.component_id)
         if message.type == mavlink.MAV_TYPE_GCS:
-            if speaker in self.stations or len(self.stations) < MOST_REMEMBERED:
-                self.stations[speaker] = arrival_us
+            self.station(speaker, arrival_us)
             return False
         if not is_autopilot(message):
             return False

@@ -21,7 +21,7 @@ LOWEST_BORNE_G, HIGHEST_BORNE_G = 0.2, 8.0
 fighter's runway"""
 WINDOW = 128
 """places for the values of a window: 102 at most"""
-CHECKS = 24
+CHECKS = 8
 """sensors of all messages"""
 RANKS = 3
 

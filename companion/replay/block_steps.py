@@ -69,6 +69,8 @@ READING = np.dtype(
         ("rank", "i8"),  # of an IMU message; -1 none
         ("is_highres", "i8"),
         ("place", "i8"),  # of its sample in the order, LEFT_OUT, NO_SAMPLE
+        ("time_us", "i8"),  # of its sample
+        ("number", "i8"),  # of its sensor among its kind
         ("now_us", "i8"),  # the vehicle's clock after it
         ("unix_us", "i8"),
         ("doubt_m", "f8"),
@@ -170,6 +172,7 @@ def _is_replaced(reading: Rows, tables: Tables, s: Intaking) -> bool:
 def _fill(reading: Rows, tables: Tables, s: Intaking, time_us: int) -> bool:
     """Complete the row of a reading at `time_us`; True when that needs the pipeline."""
     kind, row = reading[0].kind, reading[0].row
+    reading[0].time_us, reading[0].number = time_us, reading[0].instance
     if kind == IMU:
         tables.imu[row].time_us = time_us
     elif kind == PRESSURE:
@@ -177,19 +180,22 @@ def _fill(reading: Rows, tables: Tables, s: Intaking, time_us: int) -> bool:
         pressure[0].time_us = time_us
         if number(s.primaries[0], pressure, pressure_works(pressure)):
             return True
+        reading[0].number = pressure[0].instance
         judge_pressure(s.screen, s.screen_params, pressure)
     elif kind == GNSS:
         fix = tables.gnss[row : row + 1]
         fix[0].time_us = time_us - s.row_params[0].latency_us
         if _check_fix(fix, s):
             return True
+        reading[0].time_us, reading[0].number = fix[0].time_us, fix[0].instance
         judge_fix(s.screen, s.screen_params, fix)
     elif kind == ATTITUDE:
         tables.attitude[row].time_us = time_us
     elif kind == RANGE:
         tables.range[row].time_us = time_us
     elif kind == AIR:
-        tables.air[row].time_us = air_time(s.air, time_us)
+        reading[0].time_us = air_time(s.air, time_us)
+        tables.air[row].time_us = reading[0].time_us
         tables.air[row].air_temperature_k -= s.row_params[0].air_excess_k
     elif kind == STATUS:
         tables.status[row].time_us = time_us

@@ -36,6 +36,7 @@ from companion.replay.columns import (
     Speaker,
     arrays_of,
     heights,
+    stations,
 )
 from companion.samples import ESTIMATE, Kind, Rows, Verdict, readable, rows
 
@@ -43,6 +44,7 @@ SMALLEST, LARGEST = 64, 1 << 14
 """frames of a piece: fewer where many are left to the pipeline"""
 REJECTS = (SampleReject.NO_CLOCK, SampleReject.CLOCK, SampleReject.REPLACED)
 Take = Callable[[int, Frame], Any]
+Passed = Callable[[Rows, Callable[[int], tuple[int, Frame]]], None]
 
 
 class _Piece(NamedTuple):
@@ -63,16 +65,21 @@ class BlockRunner:
     Parameters
     ----------
     take : gives one frame to the pipeline, as an item of the log.
-    passed : told the `record_scan.INDEX` rows of frames that were taken in a block.
+    passed : told the `record_scan.INDEX` rows of frames that were taken, with a function that gives
+        the frame of a row. `flush` tells it of all up to now.
     """
 
-    def __init__(
-        self, pipeline: Pipeline, take: Take, passed: Callable[[Rows], None] | None = None
-    ) -> None:
+    def __init__(self, pipeline: Pipeline, take: Take, passed: Passed | None = None) -> None:
         self.pipeline = pipeline
         self._take, self._passed = take, passed
         self._beat: Beat | None = None
         self._session = 0
+        self._batch: Batch | None = None
+        self._pieces: list[tuple[int, int, NDArray[np.bool_]]] = []
+        """extents in the batch that were taken in the loops and are not counted yet, and which of
+        their frames are the vehicle's"""
+        self._told = self._at = 0
+        """the frames of the batch that are counted, and those that were taken"""
         self._length = SMALLEST
         self._counts = np.zeros(len(REJECTS), np.int64)
         self._heights = rows(ALTITUDE)
@@ -85,6 +92,7 @@ class BlockRunner:
     def run(self, batch: Batch, observer: Callable[[], BlockObserver]) -> None:
         """Take all frames of a batch; `observer` gives the one of the present session."""
         at, size = 0, batch.rows.size
+        self._batch, self._told, self._at = batch, 0, 0
         arrays: Arrays | None = None
         first, known = 0, None
         while at < size:
@@ -94,12 +102,15 @@ class BlockRunner:
                     arrays, first = arrays_of(batch.data, batch.rows[at:], speaker), at
                     known = speaker
                 stop = self._stop(arrays, at - first)
-                reached = self._piece(arrays, batch.rows[first:], at - first, stop, observer())
-                at = first + reached
+                reached = self._piece(arrays, batch, first, (at - first, stop), observer())
+                at = self._at = first + reached
                 if at == size or (reached == stop and arrays.frames["what"][reached] != PYTHON):
                     continue
+                if reached < stop:
+                    self.flush()
             self._single(batch, at)
             at += 1
+        self.flush()
 
     def _speaker(self, observer: BlockObserver) -> Speaker | None:
         """What decides how frames are taken; None where the pipeline has to take all of them."""
@@ -141,6 +152,9 @@ class BlockRunner:
         """Let the pipeline take one frame."""
         time_us, frame = batch.frame(at)
         speaker = (frame.system_id, frame.component_id)
+        if frame.message_id == HEARTBEAT:
+            self.flush()
+        self._at = at + 1
         self._take(time_us, frame)
         if frame.message_id == HEARTBEAT and speaker == self.pipeline.identity.vehicle:
             message = decode(frame)
@@ -149,10 +163,17 @@ class BlockRunner:
                 self._beat = (message.type, message.autopilot, custom, message.custom_mode)
 
     def _piece(
-        self, arrays: Arrays, index: Rows, start: int, stop: int, observer: BlockObserver
+        self,
+        arrays: Arrays,
+        batch: Batch,
+        first: int,
+        extent: tuple[int, int],
+        observer: BlockObserver,
     ) -> int:
-        """Take ``frames[start:stop]`` in the loops; the first frame that the pipeline has to take,
-        or `stop`."""
+        """Take the frames from the one place to the other of `extent` in the loops; the first frame
+        that the pipeline has to take, or the last place. The arrays begin at `first` of the
+        batch."""
+        start, stop = extent
         if start == stop:
             return stop
         states = self._states()
@@ -168,7 +189,10 @@ class BlockRunner:
             piece = self._loops(arrays, start, piece.stop)
         else:
             self._length = min(LARGEST, 2 * self._length)
-        self._keep(arrays, index[start : piece.stop], start, piece, observer)
+        is_vehicle = np.asarray(arrays.frames["is_vehicle"][start : piece.stop]) == 1
+        self._pieces.append((first + start, first + piece.stop, is_vehicle))
+        self._at = first + piece.stop
+        self._keep(arrays, start, piece, observer)
         return piece.stop
 
     def _states(self) -> list[Rows]:
@@ -235,33 +259,33 @@ class BlockRunner:
         )
         return _Piece(stop, count, published, estimates, verdicts, health)
 
-    def _keep(
-        self, arrays: Arrays, index: Rows, start: int, piece: _Piece, observer: BlockObserver
-    ) -> None:
-        """Count what was taken, and show it to the observer."""
+    def _keep(self, arrays: Arrays, start: int, piece: _Piece, observer: BlockObserver) -> None:
+        """Count the samples, and show them to the observer."""
         pipeline, frames = self.pipeline, arrays.frames[start : piece.stop]
-        self._count(index, np.asarray(frames["is_vehicle"]) == 1)
         first, last = frames[0], frames[-1]
         readings = arrays.readings[int(first["first"]) : int(last["first"] + last["count"])]
         samples = readings[np.asarray(readings["place"]) >= 0]
         kinds = np.asarray(samples["kind"])
-        for kind in np.unique(kinds).tolist():
+        pairs = np.bincount(kinds * len(Verdict) + piece.verdicts)
+        for pair in np.flatnonzero(pairs).tolist():
+            kind, verdict = divmod(pair, len(Verdict))
             pipeline.identity.measured(Kind(kind))
-            counts = np.bincount(piece.verdicts[kinds == kind], minlength=len(Verdict))
-            for verdict, number in enumerate(counts.tolist()):
-                pipeline.verdicts[kind][verdict] += number
+            pipeline.verdicts[kind][verdict] += int(pairs[pair])
         for cause, number in zip(REJECTS, self._counts.tolist(), strict=True):
             if number:
                 pipeline.intake.counters[cause] += number
         if pipeline.estimates:
             pipeline.filter.estimate[:] = piece.estimates[piece.size :]
         if pipeline.health.is_vehicle_silent:  # who else is heard at the end of the piece
+            self.flush()
             pipeline.age(int(last["arrival_us"]))
         observer.block(
             Block(
                 arrays.tables._replace(order=arrays.tables.order[: piece.size]),
                 piece.verdicts,
                 piece.estimates[1:],
+                np.asarray(samples["time_us"]),
+                np.asarray(samples["number"]),
                 np.asarray(samples["now_us"]),
                 np.asarray(samples["unix_us"]),
                 piece.health,
@@ -271,20 +295,36 @@ class BlockRunner:
             )
         )
 
-    def _count(self, index: Rows, is_vehicle: NDArray[np.bool_]) -> None:
-        """Count the frames, by sender and kind."""
-        pipeline, index = self.pipeline, np.asarray(index)
-        own, others = index[is_vehicle], index[~is_vehicle]
+    def flush(self) -> None:
+        """Count the frames that were taken since the last time, by sender and kind."""
+        batch, pieces = self._batch, self._pieces
+        if batch is None or self._told == self._at:
+            return
+        if pieces:
+            index = np.concatenate(
+                [np.asarray(batch.rows[start:stop]) for start, stop, _ in pieces]
+            )
+            is_vehicle = np.concatenate([each for _, _, each in pieces])
+            self._count(index[is_vehicle], index[~is_vehicle], batch)
+        first, self._told, self._pieces = self._told, self._at, []
+        if self._passed is not None:
+            self._passed(batch.rows[first : self._at], lambda place: batch.frame(first + place))
+
+    def _count(self, own: Rows, others: Rows, batch: Batch) -> None:
+        """Count frames of the vehicle and of others, `record_scan.INDEX` rows."""
+        pipeline = self.pipeline
         if own.size:
             newest = int(own["version"].max()), int(own["time_us"][-1])
-            beats = bool((own["message_id"] == HEARTBEAT).any())
-            pipeline.identity.took(own.size, *newest, told_again=beats)
-        numbers, counts = np.unique(own["message_id"], return_counts=True)
-        for message_id, number in zip(numbers.tolist(), counts.tolist(), strict=True):
-            pipeline.heard[message_id] = pipeline.heard.get(message_id, 0) + number
-        for system_id, component_id in zip(
-            others["system_id"].tolist(), others["component_id"].tolist(), strict=True
-        ):
-            pipeline.identity.stranger(system_id, component_id)
-        if self._passed is not None:
-            self._passed(index)
+            is_told = bool((own["message_id"] == HEARTBEAT).any())
+            pipeline.identity.took(own.size, *newest, told_again=is_told)
+        counts = np.bincount(own["message_id"])
+        for message_id in np.flatnonzero(counts).tolist():
+            heard = pipeline.heard.get(message_id, 0)
+            pipeline.heard[message_id] = heard + int(counts[message_id])
+        if others.size:
+            beats = others[others["message_id"] == HEARTBEAT]
+            for speaker, time_us in stations(batch.data, beats).items():
+                pipeline.identity.station(speaker, time_us)
+            names = ("system_id", "component_id")
+            for sender in zip(*(others[name].tolist() for name in names), strict=True):
+                pipeline.identity.stranger(sender)

@@ -11,8 +11,8 @@ from companion.intake.vehicle_clock import BASES
 from companion.mavlink import reading_columns
 from companion.mavlink.codec import mavlink
 from companion.mavlink.columns import columns
+from companion.mavlink.identity import VEHICLE_TYPES
 from companion.mavlink.imu import ImuSelector
-from companion.mavlink.radio import RADIOS
 from companion.mavlink.reading_columns import Converter, Readings
 from companion.mavlink.requests import REQUESTS
 from companion.replay.block_steps import (
@@ -31,8 +31,10 @@ HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 HIGHRES_IMU = mavlink.MAVLINK_MSG_ID_HIGHRES_IMU
 RAW_IMU = mavlink.MAVLINK_MSG_ID_RAW_IMU
 CUSTOM_MODE = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-OF_OTHERS = frozenset({*REQUESTS, mavlink.MAVLINK_MSG_ID_REQUEST_DATA_STREAM, HEARTBEAT, *RADIOS})
+OF_OTHERS = frozenset({*REQUESTS, mavlink.MAVLINK_MSG_ID_REQUEST_DATA_STREAM})
 """kinds that the pipeline takes of any sender"""
+SILENT = frozenset({mavlink.MAVLINK_MSG_ID_PARAM_VALUE})
+"""kinds of the vehicle that do nothing where no messages are sent"""
 WHAT = {
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: SYSTEM_TIME,
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: OWN_HEIGHT,
@@ -89,14 +91,15 @@ def arrays_of(data: NDArray[np.uint8], index: Rows, speaker: Speaker) -> Arrays:
     frames["is_vehicle"] = is_vehicle
     special = (index["signed"] != 0) | (_sent_by(index, speaker.own) & ~is_vehicle)
     special |= ~is_vehicle & np.isin(index["message_id"], list(OF_OTHERS))
+    beats = np.flatnonzero(~is_vehicle & (index["message_id"] == HEARTBEAT))
+    special[beats] |= ~_of_stations(columns(data, index[beats], HEARTBEAT))
     found: list[tuple[int, NDArray[np.int64], list[Readings]]] = []
     converters = _converters(speaker)
     for message_id in np.unique(index["message_id"][is_vehicle]).tolist():
         where = np.flatnonzero(is_vehicle & (index["message_id"] == message_id))
-        if message_id in OF_OTHERS - {HEARTBEAT}:
-            special[where] = True
-            continue
-        if message_id not in speaker.wanted:
+        is_request = message_id in OF_OTHERS
+        special[where] |= is_request
+        if is_request or message_id not in speaker.wanted - (SILENT - speaker.listened):
             continue
         converter = converters.get(message_id, [])
         known = bool(converter) or message_id in WHAT
@@ -117,6 +120,25 @@ def _sent_by(index: Rows, sender: tuple[int, int]) -> NDArray[np.bool_]:
         index["component_id"] == sender[1]
     )
     return found
+
+
+def _of_stations(beats: NDArray[Any]) -> NDArray[np.bool_]:
+    """Which HEARTBEATs of others are of a ground station or of an accessory."""
+    types = np.array(list(VEHICLE_TYPES))
+    found: NDArray[np.bool_] = (
+        (beats["type"] == mavlink.MAV_TYPE_GCS)
+        | (beats["autopilot"] == mavlink.MAV_AUTOPILOT_INVALID)
+        | ~np.isin(beats["type"], types)
+    )
+    return found
+
+
+def stations(data: NDArray[np.uint8], index: Rows) -> dict[tuple[int, int], int]:
+    """When each ground station among the senders of HEARTBEATs was heard last."""
+    beats = columns(data, index, HEARTBEAT)
+    index = index[beats["type"] == mavlink.MAV_TYPE_GCS]
+    names = ("system_id", "component_id", "time_us")
+    return {(s, c): us for s, c, us in zip(*(index[n].tolist() for n in names), strict=True)}
 
 
 def _converters(speaker: Speaker) -> dict[int, list[Converter]]:

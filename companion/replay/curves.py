@@ -12,7 +12,7 @@ import numpy as np
 
 from companion.evaluation.metrics import Array
 from companion.health import EXCLUDED_NAMES, Health
-from companion.kernels.atmosphere import baro_altitude_array
+from companion.kernels.arrays import baro_altitude_array
 from companion.replay.record import Recording
 from companion.replay.sessions import Session
 from companion.replay.summary import Reference

@@ -1,10 +1,11 @@
 """What a vehicle said in a session beside its sensors: flight modes and texts."""
 
 import itertools
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from companion.mavlink.codec import Frame, Message, mavlink
 from companion.mavlink.radio import RADIOS, Radio, radio_of
@@ -95,26 +96,26 @@ class LinkQuality:
         if frame.message_id in RADIOS and (radio := radio_of(frame)) is not None:
             self.radio.append((time_us, radio))
 
-    def take_block(self, index: Rows) -> None:
-        """Count frames, rows of `record_scan.INDEX`."""
-        systems, components = np.asarray(index["system_id"]), np.asarray(index["component_id"])
-        for number in np.unique(systems.astype("i8") * 256 + components).tolist():
+    def take_block(self, index: Rows, frame: Callable[[int], tuple[int, Frame]]) -> None:
+        """Count frames, rows of `record_scan.INDEX`; `frame` gives that of a row."""
+        numbers = np.asarray(index["system_id"], np.int64) * 256 + index["component_id"]
+        for place in np.flatnonzero(np.isin(index["message_id"], list(RADIOS))).tolist():
+            time_us, report = frame(place)
+            if (radio := radio_of(report)) is not None:
+                self.radio.append((time_us, radio))
+        for number in np.flatnonzero(np.bincount(numbers)).tolist():
             sender = number // 256, number % 256
-            rows = index[(systems == sender[0]) & (components == sender[1])]
+            rows = index[numbers == number]
             sequence = np.asarray(rows["sequence"], np.int64)
             before = self._sequence.get(sender, int(sequence[0]) - 1)
             gaps = np.diff(sequence, prepend=before) - 1
             gaps %= 256
             gaps[gaps >= LATEST] = 0
             self._sequence[sender] = int(sequence[-1])
-            seconds, places = np.unique(
-                np.asarray(rows["time_us"]) // 1_000_000, return_inverse=True
-            )
+            seconds, places = in_seconds(np.asarray(rows["time_us"]))
             frames, lost = np.bincount(places), np.bincount(places, gaps)
             counts = self._seconds.setdefault(sender, {})
-            for second, count, missing in zip(
-                seconds.tolist(), frames.tolist(), lost.tolist(), strict=True
-            ):
+            for second, count, missing in zip(seconds, frames.tolist(), lost.tolist(), strict=True):
                 counted = counts.setdefault(second, [0, 0])
                 counted[0] += count
                 counted[1] += int(missing)
@@ -123,3 +124,15 @@ class LinkQuality:
         """(second of the log's clock, frames, lost frames) of a system and component."""
         counts = self._seconds.get(sender, {}) if sender is not None else {}
         return [(second, frames, lost) for second, (frames, lost) in sorted(counts.items())]
+
+
+def in_seconds(times_us: NDArray[np.int64]) -> tuple[list[int], NDArray[np.int64]]:
+    """The seconds in which there are times, and of each time the place of its second among them."""
+    if not times_us.size:
+        return [], np.zeros(0, np.int64)
+    seconds = times_us // 1_000_000
+    new = np.flatnonzero(np.diff(seconds, prepend=seconds[0] - 1))
+    if np.all(np.diff(seconds) >= 0):  # as nearly always
+        return seconds[new].tolist(), np.repeat(np.arange(new.size), np.diff([*new, seconds.size]))
+    found, places = np.unique(seconds, return_inverse=True)
+    return found.tolist(), places

@@ -14,16 +14,19 @@ from numpy.typing import NDArray
 from companion.evaluation.metrics import Array
 from companion.evaluation.smoother import UNKNOWN_GNSS_SD_M, Measured
 from companion.health import Health
-from companion.kernels.atmosphere import baro_altitude_array
+from companion.kernels.arrays import baro_altitude_array, gnss_sd_array
 from companion.kernels.gnss import gnss_sd_m
 from companion.mavlink.codec import Message
 from companion.observer import Block
 from companion.pipeline import Pipeline
 from companion.replay.events import Events
-from companion.samples import ESTIMATE, HEIGHT, Kind, Rows, Suspicion, Tables, Verdict, readable
+from companion.samples import ESTIMATE, HEIGHT, Kind, Rows, Suspicion, Verdict, readable
 
 NO_UNIX_US = -(1 << 61)
 """below any offset of UNIX time"""
+SECONDS_BITS = 44
+SECOND_ZERO = 1 << SECONDS_BITS - 1
+"""a second may be negative"""
 FROM_SAMPLE = ("time_us", "arrival_us", "instance", "suspect")
 
 RECORD = np.dtype(
@@ -57,6 +60,8 @@ class Recording:
         self._pipeline = pipeline
         self._rows = readable(np.zeros(256, RECORD))
         self._count = 0
+        self._chosen: dict[Kind, tuple[int, Rows]] = {}
+        """kind -> number of rows, and those of the first sensor among them"""
         self._heights: dict[bool, list[tuple[int, float, float]]] = {True: [], False: []}
         self.published_count = 0
         """ALTITUDE messages of ours"""
@@ -66,15 +71,16 @@ class Recording:
         """UNIX time minus boot time, as the vehicle said it; None where it did not"""
         self.events = Events(pipeline)
         """flight modes and texts"""
-        self.rates: Counter[tuple[Kind, int]] = Counter()
-        """samples of the first sensor of each kind in each second of the vehicle's clock"""
+        self._rates: Counter[tuple[Kind, int]] = Counter()
+        self._sampled: list[NDArray[np.int64]] = []
+        """kind and second of the samples that are not in `_rates` yet"""
 
     def sample(self, kind: Kind, row: Rows, verdict: Verdict, estimate: Rows) -> None:
         value = row[0]
         if kind is Kind.GNSS:
             self.unix_offset_us = self._pipeline.intake.clock.unix_offset_us or self.unix_offset_us
         if value["instance"] == 0:
-            self.rates[kind, int(value["time_us"]) // 1_000_000] += 1
+            self._rates[kind, int(value["time_us"]) // 1_000_000] += 1
         if kind is Kind.STATUS:
             self._note_armed(int(value["time_us"]), int(value["armed"]))
             return
@@ -102,7 +108,8 @@ class Recording:
         self.published_count += block.published
         for heights, is_truth in ((block.truth, True), (block.autopilot, False)):
             self._heights[is_truth] += heights.tolist()
-        self._count_rates(tables, kinds, places)
+        first = block.instances == 0
+        self._sampled.append((kinds[first] << SECONDS_BITS) + block.times_us[first] // 1_000_000)
         status = tables.status[places[kinds == Kind.STATUS]]
         for time_us, armed in zip(
             status["time_us"].tolist(), status["armed"].tolist(), strict=True
@@ -122,16 +129,6 @@ class Recording:
         kept["estimate"] = block.estimates[chosen]
         _fill_pressures(kept, ~is_gnss, tables.pressure[places[chosen[~is_gnss]]])
         _fill_fixes(kept, is_gnss, tables.gnss[places[chosen[is_gnss]]])
-
-    def _count_rates(self, tables: Tables, kinds: NDArray[Any], places: NDArray[Any]) -> None:
-        for kind in np.unique(kinds).tolist():
-            rows = tables[1 + kind][places[kinds == kind]]
-            first = np.asarray(rows["instance"]) == 0
-            seconds, counts = np.unique(
-                np.asarray(rows["time_us"])[first] // 1_000_000, return_counts=True
-            )
-            for second, count in zip(seconds.tolist(), counts.tolist(), strict=True):
-                self.rates[Kind(kind), second] += count
 
     def _note_armed(self, time_us: int, armed: int) -> None:
         if armed >= 0 and (not self.armed or self.armed[-1][1] != bool(armed)):
@@ -156,6 +153,17 @@ class Recording:
         self.published_count += 1
 
     @property
+    def rates(self) -> Counter[tuple[Kind, int]]:
+        """Samples of the first sensor of each kind in each second of the vehicle's clock."""
+        if self._sampled:
+            found, counts = np.unique(np.concatenate(self._sampled), return_counts=True)
+            self._sampled = []
+            for pair, count in zip(found.tolist(), counts.tolist(), strict=True):
+                kind = pair + SECOND_ZERO >> SECONDS_BITS
+                self._rates[Kind(kind), pair - (kind << SECONDS_BITS)] += count
+        return self._rates
+
+    @property
     def rows(self) -> Rows:
         """RECORD rows in order of arrival."""
         rows: Rows = self._rows[: self._count]
@@ -167,11 +175,15 @@ class Recording:
 
     def of(self, kind: Kind) -> Rows:
         """Rows of the first sensor of a kind; of GNSS only fixes."""
+        count, rows = self._chosen.get(kind, (-1, self.rows))
+        if count == self._count:
+            return rows
         rows = self.rows
         chosen = (np.asarray(rows["kind"]) == kind) & (np.asarray(rows["instance"]) == 0)
         if kind is Kind.GNSS:
             chosen &= np.asarray(rows["fix_type"]) >= 3
-        return rows[chosen]
+        self._chosen[kind] = self._count, rows[chosen]
+        return self._chosen[kind][1]
 
     def ticks(self) -> Rows:
         """Rows at which the altitude is judged: the first barometer's, else the receiver's."""
@@ -248,6 +260,4 @@ def _fill_fixes(kept: Rows, where: NDArray[Any], fixes: Rows) -> None:
         kept[name][where] = fixes[name]
     kept["pressure_pa"][where] = math.nan
     kept["gnss_altitude_m"][where] = fixes["altitude_amsl_m"]
-    kept["gnss_sd_m"][where] = [
-        gnss_sd_m(fixes[i : i + 1], 0.0, UNKNOWN_GNSS_SD_M) for i in range(fixes.size)
-    ]
+    kept["gnss_sd_m"][where] = gnss_sd_array(fixes, 0.0, UNKNOWN_GNSS_SD_M)

@@ -10,7 +10,7 @@ import itertools
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,8 +100,7 @@ class _Switch:
         self.target.published(message)
 
     def block(self, block: Block) -> None:
-        assert isinstance(self.target, BlockObserver)
-        self.target.block(block)
+        cast(BlockObserver, self.target).block(block)
 
 
 class _Splitter(Generic[Seen]):
@@ -116,6 +115,8 @@ class _Splitter(Generic[Seen]):
         self.sessions: list[Session[Seen]] = []
         self.autopilots: dict[int, int] = {}
         """systems with an autopilot's HEARTBEAT, and how many of those"""
+        self.runner: BlockRunner | None = None
+        """where the log is taken in blocks"""
         self._settings, self._observe, self._make = settings, observe, make
         self._renew()
 
@@ -135,6 +136,8 @@ class _Splitter(Generic[Seen]):
 
     def close(self) -> None:
         """End the present session, and keep it if there was anything in it."""
+        if self.runner is not None:
+            self.runner.flush()
         session, pipeline = self._open, self.pipeline
         now, base = _counts(pipeline), self._base
         self._base = now
@@ -155,23 +158,23 @@ class _Splitter(Generic[Seen]):
         self._open.last_us = time_us
         if isinstance(item, Frame):
             self._open.link.take(time_us, item)
+        return self.take(time_us, item)
+
+    def take(self, time_us: int, item: Item) -> list[bytes]:
+        """As `feed`, for an item that `passed` is told of."""
         if isinstance(item, Frame) and item.message_id == mavlink.MAVLINK_MSG_ID_HEARTBEAT:
             message = item.message or decode(item)
             if message is not None and is_autopilot(message):
                 self.autopilots[item.system_id] = self.autopilots.get(item.system_id, 0) + 1
         return self.pipeline.feed_item(item, time_us)
 
-    def passed(self, index: Rows) -> None:
-        """Frames of the present session, rows of `record_scan.INDEX`, were taken in a block."""
+    def passed(self, index: Rows, frame: Callable[[int], tuple[int, Frame]]) -> None:
+        """Frames of the present session, rows of `record_scan.INDEX`, were taken; `frame` gives
+        that of a row."""
         if not self._open.first_us:
             self._open.first_us = int(index["time_us"][0])
         self._open.last_us = int(index["time_us"][-1])
-        self._open.link.take_block(index)
-        vehicle = self.pipeline.identity.vehicle
-        beats = index["message_id"] == mavlink.MAVLINK_MSG_ID_HEARTBEAT
-        if vehicle is not None and beats.any():
-            told = self.autopilots.get(vehicle[0], 0)
-            self.autopilots[vehicle[0]] = told + int(beats.sum())
+        self._open.link.take_block(index, frame)
 
     @property
     def takes_blocks(self) -> bool:
@@ -180,8 +183,7 @@ class _Splitter(Generic[Seen]):
 
     def block_observer(self) -> BlockObserver:
         """The observer of the present session."""
-        assert isinstance(self._open.seen, BlockObserver)
-        return self._open.seen
+        return cast(BlockObserver, self._open.seen)
 
     def renew(self) -> None:
         """Another day: nothing of the session before is of use."""
@@ -283,11 +285,11 @@ def _pass_blocks(
     reader: TlogReader, splitter: _Splitter[Seen], on_progress: Callable[[float], None] | None
 ) -> None:
     """As `_pass`, in blocks; a block with a step of a day is taken one item at a time."""
-    days, runner = _Days(splitter), None
+    days = _Days(splitter)
     for batch in reader.batches():
-        pipeline = splitter.pipeline
+        pipeline, runner = splitter.pipeline, splitter.runner
         if runner is None or runner.pipeline is not pipeline:
-            runner = BlockRunner(pipeline, splitter.feed, splitter.passed)
+            runner = splitter.runner = BlockRunner(pipeline, splitter.take, splitter.passed)
         if days.steps(np.asarray(batch.rows["time_us"])):
             for time_us, item in days.take(reader.items_of(batch, pipeline.wanted)):
                 splitter.feed(time_us, item)

@@ -113,10 +113,11 @@ def test_heights_of_exactly_zero_are_none() -> None:
 
 @pytest.mark.parametrize("factor", [10.0, 100.0, 0.1])
 def test_a_height_in_another_unit_is_not_used(factor: float) -> None:
-    """After a climb of two times twenty metres."""
+    """After both heights moved by twenty metres, twice."""
+    climb_mps = 3.0 if factor > 1.0 else 12.0
 
     def height_m(boot_s: float) -> float:
-        return 100.0 + 3.0 * max(0.0, boot_s - 40.0)
+        return 100.0 + climb_mps * max(0.0, boot_s - 40.0)
 
     outcome = feed(
         standing(

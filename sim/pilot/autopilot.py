@@ -82,6 +82,9 @@ class Autopilot:
         self._pitch_sum = 0.0
         self._bank_sum = 0.0
         self._bank_command = 0.0
+        self._effectiveness = 1.0
+        """factor of the surface deflections above the dynamic pressure at which the gains were
+        tuned"""
         self._path_pitch = 0.0
         self._throttle = 0.0
         self._sum_throttle = 0.0
@@ -104,6 +107,10 @@ class Autopilot:
             mode = _AIRSPEED
         if self._mode is _PARKED and not truth.on_ground:
             self._start_aloft(truth)
+        full_mps = gains.full_surface_mps
+        self._effectiveness = (
+            1.0 if self._airspeed_mps <= full_mps else (full_mps / self._airspeed_mps) ** 2
+        )
         if mode is not self._mode:
             self._enter(mode, truth)
         if mode is _TAKE_OFF:
@@ -116,9 +123,10 @@ class Autopilot:
         bank, rudder = self._lateral(truth, target)
         if mode is _FLARE:  # the wing tips are near the ground
             bank = _clamp(bank, -_FLARE_BANK_RAD, _FLARE_BANK_RAD)
+        gear = 1.0 if mode is _APPROACH or mode is _FLARE else 0.0
         return Controls(
             self._elevator(truth, pitch), self._aileron(truth, bank), rudder, self._throttle,
-            flaps=self._flaps(mode), gear=float(mode in (_APPROACH, _FLARE)),
+            0.0, 0.0, self._flaps(mode), gear,
         )  # fmt: skip
 
     def _throttle_for(self, mode: Mode, target: Target) -> float:
@@ -306,25 +314,18 @@ class Autopilot:
     def _elevator(self, truth: Truth, pitch_rad: float) -> float:
         gains = self.gains
         error = pitch_rad - truth.pitch_rad
-        self._pitch_sum = _clamp(self._pitch_sum + gains.pitch_i * error * _DT_S, -0.6, 0.6)
-        surface = (
-            gains.pitch_p * error + self._pitch_sum - gains.pitch_rate * truth.pitch_rate_radps
-        )
-        return _clamp(surface * self._effectiveness(), -1.0, 1.0)
+        total = self._pitch_sum + gains.pitch_i * error * _DT_S
+        self._pitch_sum = total = -0.6 if total < -0.6 else 0.6 if total > 0.6 else total
+        surface = gains.pitch_p * error + total - gains.pitch_rate * truth.pitch_rate_radps
+        return _clamp(surface * self._effectiveness, -1.0, 1.0)
 
     def _aileron(self, truth: Truth, bank_rad: float) -> float:
         gains = self.gains
         error = bank_rad - truth.roll_rad
-        self._bank_sum = _clamp(self._bank_sum + gains.bank_i * error * _DT_S, -0.3, 0.3)
-        surface = gains.bank_p * error + self._bank_sum - gains.roll_rate * truth.roll_rate_radps
-        return _clamp(surface * self._effectiveness(), -1.0, 1.0)
-
-    def _effectiveness(self) -> float:
-        """Factor of the surface deflections above the dynamic pressure at which the gains were
-        tuned."""
-        if self._airspeed_mps <= self.gains.full_surface_mps:
-            return 1.0
-        return (self.gains.full_surface_mps / self._airspeed_mps) ** 2
+        total = self._bank_sum + gains.bank_i * error * _DT_S
+        self._bank_sum = total = -0.3 if total < -0.3 else 0.3 if total > 0.3 else total
+        surface = gains.bank_p * error + total - gains.roll_rate * truth.roll_rate_radps
+        return _clamp(surface * self._effectiveness, -1.0, 1.0)
 
 
 def _clamp(value: float, low: float, high: float) -> float:

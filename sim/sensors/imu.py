@@ -18,7 +18,8 @@ ArduPilot's advice is to stay below 30 m/s2.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -115,6 +116,10 @@ class ImuSample(NamedTuple):
     specific_force_b_mps2: Vector
     angular_rate_b_radps: Vector
     die_temperature_cdegc: int
+
+
+_new_sample: Callable[[tuple[Any, ...]], ImuSample] = partial(tuple.__new__, ImuSample)
+"""`ImuSample` of a tuple, without the Python code of its constructor"""
 
 
 class _Triad:
@@ -260,11 +265,13 @@ class Imu:
         if self._vibration is not None:
             shake = self._vibration.step()
             force = (force[0] + shake[0], force[1] + shake[1], force[2] + shake[2])
-        return ImuSample(
-            time_us,
-            self._accelerometers.measure(force, cold_k),
-            self._gyros.measure(motion.angular_rate_b_radps, cold_k),
-            die_cdegc,
+        return _new_sample(
+            (
+                time_us,
+                self._accelerometers.measure(force, cold_k),
+                self._gyros.measure(motion.angular_rate_b_radps, cold_k),
+                die_cdegc,
+            )
         )
 
 

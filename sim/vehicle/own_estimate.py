@@ -8,6 +8,8 @@ velocity. Attitude is the truth with a slow error of a fraction of a degree.
 """
 
 import math
+from collections.abc import Callable
+from functools import partial
 from typing import Annotated, NamedTuple
 
 from pydantic import Field
@@ -44,6 +46,10 @@ class Position(NamedTuple):
     north_mps: float
     east_mps: float
     climb_mps: float
+
+
+_new_position: Callable[[tuple[float, ...]], Position] = partial(tuple.__new__, Position)
+"""`Position` of a tuple, without the Python code of its constructor"""
 
 
 class OwnEstimate:
@@ -122,13 +128,15 @@ class OwnEstimate:
             return None
         age_s, north_mps, east_mps = (time_us - fix.measured_us) * 1e-6, fix.north_mps, fix.east_mps
         climb_mps = self._climb_mps
-        return Position(
-            fix.latitude_deg + north_mps * age_s / EARTH_M_PER_DEG,
-            fix.longitude_deg + east_mps * age_s / self._per_degree_m,
-            self._height_m + climb_mps * (time_us - self._pressure_us) * 1e-6 + offset_m,
-            north_mps,
-            east_mps,
-            climb_mps,
+        return _new_position(
+            (
+                fix.latitude_deg + north_mps * age_s / EARTH_M_PER_DEG,
+                fix.longitude_deg + east_mps * age_s / self._per_degree_m,
+                self._height_m + climb_mps * (time_us - self._pressure_us) * 1e-6 + offset_m,
+                north_mps,
+                east_mps,
+                climb_mps,
+            )
         )
 
     def attitude(self, truth: Truth) -> tuple[float, float, float]:

@@ -62,6 +62,9 @@ class HealthSettings(Settings):
     """standard deviation of the altitude above which health is LOST: ALTITUDE stops"""
 
 
+_HEALTHS = tuple(Health)
+
+
 class HealthMonitor:
     """Follows verdicts, estimates and the vehicle's silence.
 
@@ -87,7 +90,7 @@ class HealthMonitor:
 
     @property
     def health(self) -> Health:
-        return Health(int(self.state["health"][0]))
+        return _HEALTHS[int(self.state["health"][0])]
 
     @property
     def has_altitude(self) -> bool:

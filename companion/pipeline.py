@@ -19,7 +19,7 @@ from companion.known_air import AirSettings, KnownAir
 from companion.mavlink import convert
 from companion.mavlink.codec import Decoder, Encoder, Frame, Message, mavlink
 from companion.mavlink.commands import Commands
-from companion.mavlink.identity import Identity, Origin
+from companion.mavlink.identity import OURSELVES, VEHICLE, Identity, Origin
 from companion.mavlink.outputs import Outputs, heartbeat, intervals
 from companion.mavlink.own_heights import own_heights
 from companion.mavlink.parameters import Parameters
@@ -40,7 +40,7 @@ SIM_STATE = mavlink.MAVLINK_MSG_ID_SIM_STATE
 GLOBAL_POSITION_INT = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 PARAM_VALUE = mavlink.MAVLINK_MSG_ID_PARAM_VALUE
 DATA_STREAM = mavlink.MAVLINK_MSG_ID_REQUEST_DATA_STREAM
-FORGERIES = frozenset({Origin.FORGED, Origin.ELSEWHERE})
+FORGERIES = (Origin.FORGED, Origin.ELSEWHERE)
 OTHERS_US = 5_000_000
 
 
@@ -257,14 +257,14 @@ class Pipeline:
         origin = identity.origin(frame, arrival_us, source)
         if origin not in FORGERIES:
             self.frames.append(frame)
-        if origin is Origin.OURSELVES:
+        if origin is OURSELVES:
             if self._conflict is not None:
                 self._conflict(frame)
         elif message_id in REQUESTS:
             return self._request(frame, arrival_us)
         elif message_id == DATA_STREAM and self._rate_request is not None:
             self._rate_request(frame)
-        if origin is not Origin.VEHICLE:
+        if origin is not VEHICLE:
             return []
         self.health.alive(arrival_us)
         self.heard[frame.message_id] = self.heard.get(frame.message_id, 0) + 1

@@ -17,7 +17,7 @@ from companion.health import HealthMonitor
 from companion.intake import Intake, SampleReject, restart_row
 from companion.known_air import AirSettings, KnownAir
 from companion.mavlink import convert
-from companion.mavlink.codec import Decoder, Encoder, Frame, Message, mavlink
+from companion.mavlink.codec import Decoder, Frame, Message, mavlink
 from companion.mavlink.commands import Commands
 from companion.mavlink.identity import OURSELVES, VEHICLE, Identity, Origin
 from companion.mavlink.outputs import Outputs, heartbeat, intervals
@@ -25,6 +25,7 @@ from companion.mavlink.own_heights import own_heights
 from companion.mavlink.parameters import Parameters
 from companion.mavlink.readings import ReadingSelector
 from companion.mavlink.requests import REQUESTS, Requests, asks_rate
+from companion.mavlink.sender import Sender
 from companion.mavlink.signing import Signing
 from companion.observer import Observer
 from companion.recorded import Height, Item, Sensed
@@ -36,7 +37,7 @@ logger = logging.getLogger("kollsman.pipeline")
 HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 SYSTEM_TIME = mavlink.MAVLINK_MSG_ID_SYSTEM_TIME
 ALTITUDE = mavlink.MAVLINK_MSG_ID_ALTITUDE
-SIM_STATE = mavlink.MAVLINK_MSG_ID_SIM_STATE
+SIMSTATE = mavlink.MAVLINK_MSG_ID_SIMSTATE
 GLOBAL_POSITION_INT = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 PARAM_VALUE = mavlink.MAVLINK_MSG_ID_PARAM_VALUE
 DATA_STREAM = mavlink.MAVLINK_MSG_ID_REQUEST_DATA_STREAM
@@ -92,14 +93,14 @@ class Pipeline:
         self.frames: list[Frame] = []
         """the frames of the last packet"""
         self.listeners = dict(listeners or {})
-        self._encoders: dict[tuple[int, int], Encoder] = {}
+        self._sender = Sender(signing)
         self.commands, self._host_us = Commands(intervals(settings.publish)), 0
         self.parameters = Parameters(
             settings, AirSettings, lambda key: getattr(self.air, key), self._set_air
         )
         self._requests = Requests(self.parameters, self.commands)
         self._wanted = self.readings.message_ids | {SYSTEM_TIME, ALTITUDE, GLOBAL_POSITION_INT}
-        self._wanted |= self.listeners.keys()
+        self._wanted |= self.listeners.keys() | convert.TRUTHS.keys() | {SIMSTATE}
         if self.feedback.knob is not None:
             self._wanted.add(PARAM_VALUE)
         self.observe(observer)
@@ -142,8 +143,6 @@ class Pipeline:
         """Let `observer` see what happens from now on."""
         self._observer = observer
         self._wants_imu = observer is not None or Kind.IMU in self.filter.method.uses
-        if observer is not None:
-            self._wanted.add(SIM_STATE)
 
     def listen(self, message_id: int, listener: Callable[[Message], None]) -> None:
         """Call `listener` for each message of this id, in place of the one before."""
@@ -156,7 +155,7 @@ class Pipeline:
 
         The two share the decoder, which keeps nothing between datagrams but its counters.
         """
-        shared = (self.decoder, self._observer, *self._encoders.values())
+        shared = (self.decoder, self._observer, self._sender)
         other = copy.deepcopy(self, {id(each): each for each in shared})
         other.sends = False
         other.observe(observer)
@@ -295,8 +294,10 @@ class Pipeline:
             self.outputs.vehicle_altitude(self.now_us)
         elif message_id == SYSTEM_TIME:
             self.intake.clock.note_unix(message.time_unix_usec, message.time_boot_ms * 1000)
-        elif message_id == SIM_STATE:
-            self._compare(True, (self.now_us, *convert.sim_state(message)))
+        elif message_id in convert.TRUTHS:
+            self._compare(True, (self.now_us, *convert.TRUTHS[message_id](message)))
+        elif message_id == SIMSTATE:
+            self.intake.simulation.truth(None)
         elif message_id == GLOBAL_POSITION_INT:
             self._compare(False, convert.global_position(message))
             self.feedback.height(*own_heights(message))
@@ -311,6 +312,8 @@ class Pipeline:
         return [frame for each in readings for frame in self._reading(each, message_id, arrival_us)]
 
     def _compare(self, is_truth: bool, height: tuple[int, float, float]) -> None:
+        if is_truth:
+            self.intake.simulation.truth(height[1])
         if self._observer is not None and height[0] >= 0:
             (self._observer.truth if is_truth else self._observer.autopilot)(*height)
 
@@ -393,8 +396,4 @@ class Pipeline:
         if not self.sends:
             return []
         self.commands.sent(messages, self._host_us)
-        own = self.identity.own
-        if own not in self._encoders:
-            self._encoders[own] = Encoder(*own, self.signing)
-        encoder, spoken = self._encoders[own], self.identity.spoken
-        return [frame for each in messages if (frame := encoder.encode(each, spoken))]
+        return self._sender.encode(messages, self.identity)

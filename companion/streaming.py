@@ -1,4 +1,5 @@
-"""The message rates of the vehicle on a live link: who requests them, and when all of them anew."""
+"""The message rates of the vehicle on a live link: who requests them, and when all of them anew;
+and the request for a message that only a simulated vehicle has."""
 
 from companion.estimators import ESTIMATORS
 from companion.mavlink.codec import Message, mavlink
@@ -22,6 +23,15 @@ PLANES = frozenset(
 )
 """ArduPlane's types: it saves the rates of REQUEST_DATA_STREAM to its parameters"""
 
+REQUEST_MESSAGE: int = mavlink.MAV_CMD_REQUEST_MESSAGE
+SIMULATOR_MESSAGES = {
+    mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA: mavlink.MAVLINK_MSG_ID_SIMSTATE,
+    mavlink.MAV_AUTOPILOT_PX4: mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION,
+}
+"""What only a simulated vehicle sends, by autopilot. ArduPilot answers MAV_CMD_REQUEST_MESSAGE for
+a message that it does not have with FAILED alone, but SET_MESSAGE_INTERVAL with a STATUSTEXT."""
+SIMULATOR_PERIOD_US, SIMULATOR_ATTEMPTS = 2_000_000, 5
+
 
 class Streaming:
     """Supervises the streams of the pipeline's vehicle once there is one.
@@ -40,6 +50,7 @@ class Streaming:
         self._supervisor: StreamSupervisor | None = None
         self._vehicle: tuple[int, int] | None = None
         self._path: tuple[object, ...] = ()
+        self._simulator_us, self._simulator_attempts = 0, 0
 
     @property
     def problems(self) -> list[str]:
@@ -59,12 +70,29 @@ class Streaming:
         path = (*path, pipeline.intake.clock.reboots)
         if self._supervisor is None or identity.vehicle != self._vehicle:
             self._supervisor, self._vehicle, self._path = self._begin(), identity.vehicle, path
+            self._simulator_attempts = 0
         elif path != self._path:
             self._path = path
             self._supervisor.restart("the vehicle or the link was restarted")
         stations = ", ".join(f"{ids[0]}/{ids[1]}" for ids in sorted(identity.stations))
         frames = identity.counters[Origin.VEHICLE]
-        return self._supervisor.poll(now_us, pipeline.now_us, pipeline.heard, frames, stations)
+        requests = self._supervisor.poll(now_us, pipeline.now_us, pipeline.heard, frames, stations)
+        return requests + self._ask_whether_simulated(now_us)
+
+    def _ask_whether_simulated(self, now_us: int) -> list[Message]:
+        """Ask for the simulator's message, while that decides what the GNSS heights mean."""
+        identity = self._pipeline.identity
+        message_id = SIMULATOR_MESSAGES.get(identity.autopilot)
+        is_due = self._simulator_attempts < SIMULATOR_ATTEMPTS and now_us >= self._simulator_us
+        if not (self._pipeline.intake.simulation.in_question and is_due and message_id):
+            return []
+        self._simulator_us = now_us + SIMULATOR_PERIOD_US
+        self._simulator_attempts += 1
+        assert identity.vehicle is not None
+        values = (message_id, 0, 0, 0, 0, 0, 0)
+        return [
+            mavlink.MAVLink_command_long_message(*identity.vehicle, REQUEST_MESSAGE, 0, *values)
+        ]
 
     def acknowledge(self, message: Message, now_us: int) -> None:
         """COMMAND_ACK from the vehicle."""

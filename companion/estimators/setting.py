@@ -43,7 +43,7 @@ from companion.samples import MAX_INSTANCES, Record, Rows
 LOWEST_QNH_PA, HIGHEST_QNH_PA = 85_000.0, 110_000.0
 LOWEST_FIELD_M, HIGHEST_FIELD_M = -500.0, 9_000.0
 SEA_LEVEL_M = 0.0
-"""where a setting holds whose field is unknown"""
+"""where a setting holds whose field is unknown (`is_placed` 0)"""
 SETTING_SD_PA = 60.0
 """Spread of a setting: METARs are whole hectopascals, rounded down, and the field is not the
 station; with the barometer's calibration of 50 Pa."""
@@ -68,6 +68,7 @@ SETTING = np.dtype(
         ("told_pa", "f8"),  # the QNH that was told last, NaN none
         ("set_us", "i8"),
         ("field_m", "f8"),  # height where the setting holds; NaN: where the next pressure is
+        ("is_placed", "i8"),  # 0 where that is unknown, and sea level stands for it
         ("elevation_m", "f8"),  # known elevation that waits for a pressure, NaN none
         ("air_k", "f8"),  # air temperature at the field, NaN unknown
         ("is_new", "i8"),  # 1 until the estimator has used it
@@ -82,7 +83,7 @@ def setting_start(setting: Record) -> None:
     """No setting known."""
     setting.qnh_pa, setting.field_m, setting.elevation_m = math.nan, math.nan, math.nan
     setting.told_pa, setting.sd_m, setting.air_k = math.nan, math.nan, math.nan
-    setting.set_us, setting.is_new = -1, 0
+    setting.set_us, setting.is_new, setting.is_placed = -1, 0, 0
 
 
 @step
@@ -144,17 +145,20 @@ def note_air(setting: Record, sample: Rows, in_flight: bool) -> bool:
     knows_field = LOWEST_FIELD_M <= elevation <= HIGHEST_FIELD_M
     if has_qnh and knows_field and math.isnan(at_m):
         at_m, knows_field = elevation, False
-    field_m, is_placed = math.nan, LOWEST_FIELD_M <= at_m <= HIGHEST_FIELD_M
-    if is_placed:
+    field_m, is_placed = math.nan, 1
+    has_place = LOWEST_FIELD_M <= at_m <= HIGHEST_FIELD_M
+    if has_place:
         field_m = at_m
+    elif in_flight and math.isnan(setting.field_m):
+        field_m, is_placed = SEA_LEVEL_M, 0
     elif in_flight:
-        field_m = SEA_LEVEL_M if math.isnan(setting.field_m) else setting.field_m
-    warms = has_temperature(sample) and (knows_field or is_placed or field_m != SEA_LEVEL_M)
-    is_told, is_moved = knows_field, is_placed and setting.field_m != at_m
+        field_m, is_placed = setting.field_m, setting.is_placed
+    warms = has_temperature(sample) and (knows_field or is_placed == 1)
+    is_told, is_moved = knows_field, has_place and setting.field_m != at_m
     if has_qnh and (is_measured or is_moved or qnh != setting.told_pa):
         setting.qnh_pa, setting.told_pa, setting.elevation_m = qnh, qnh, math.nan
         setting.sd_m = M_PER_PA * (sample[0].qnh_sd_pa if is_measured else SETTING_SD_PA)
-        setting.field_m = field_m
+        setting.field_m, setting.is_placed = field_m, is_placed
         is_told = True
     if knows_field:
         setting.elevation_m = elevation
@@ -173,7 +177,8 @@ def note_level(setting: Record, level_m: float) -> None:
     """Complete the setting with a pressure altitude (geopotential), once one is known."""
     if not math.isnan(setting.elevation_m):
         setting.qnh_pa = qnh_pa(standard_pressure_pa(level_m), setting.elevation_m)
-        setting.field_m, setting.elevation_m = setting.elevation_m, math.nan
+        setting.field_m, setting.is_placed = setting.elevation_m, 1
+        setting.elevation_m = math.nan
         setting.sd_m = ELEVATION_SD_M
     if math.isnan(setting.field_m) and not math.isnan(setting.qnh_pa):
         setting.field_m = indicated_m(setting, level_m)

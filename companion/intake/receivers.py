@@ -3,7 +3,8 @@
 ========================  =======================================================================
 `alt` and `alt_ellipsoid`  one of the fields is wrong, nobody can say which: the undulation of the
 equal to the millimetre    geoid is added to the reported accuracy, and beyond 30 m nothing is
-                           published; ``intake.equal_heights`` says otherwise
+                           published; a vehicle that is simulated (`simulation`) or
+                           ``intake.equal_heights`` says otherwise
 exactly 0 again and again  no height: NaN
 height moves 10 or 100     a wrong unit (0.1, 0.01 likewise): NaN
 times as the barometer's
@@ -19,6 +20,7 @@ from companion.intake import receiver_steps as steps
 from companion.intake.geoid import undulation_m
 from companion.intake.receiver_steps import NONE_US, RECEIVER
 from companion.intake.settings import IntakeSettings
+from companion.intake.simulation import Simulation
 from companion.kernels.gnss import gnss_sd_m
 from companion.samples import Rows, rows
 
@@ -26,13 +28,18 @@ logger = logging.getLogger("kollsman.intake")
 
 LEAST_UNDULATION_M = 1.0
 UNKNOWN_SD_M = 10.0
+EQUAL = "gives one "
+DOUBTS_MIN = 20
+"""fixes of equal heights before that is told: a simulator tells meanwhile that it is one"""
 
 
 class Receiver:
     """One receiver's heights."""
 
-    def __init__(self, instance: int, settings: IntakeSettings) -> None:
+    def __init__(self, instance: int, settings: IntakeSettings, simulation: Simulation) -> None:
         self._equal_heights = settings.equal_heights
+        self._simulation = simulation
+        self._doubts = 0
         self._name = f"GNSS receiver {instance + 1}"
         self.state: Rows = rows(RECEIVER)
         self.state["apart_us"], self.state["doubt_m"] = NONE_US, 0.0
@@ -46,6 +53,8 @@ class Receiver:
     @property
     def notes(self) -> list[str]:
         """What was found to be wrong with its heights, one line each."""
+        if self._simulation.is_flat:
+            self._told.pop(EQUAL, None)
         return list(self._told.values())
 
     def check(self, row: Rows, baro_m: float) -> None:
@@ -68,23 +77,29 @@ class Receiver:
             value["altitude_amsl_m"] != value["altitude_ellipsoid_m"]
         ):
             return
+        if self._simulation.is_flat:
+            return
         above_m = undulation_m(float(value["latitude_deg"]), float(value["longitude_deg"]))
         if not abs(above_m) >= LEAST_UNDULATION_M:
             return
-        text = f"gives one height for sea level and ellipsoid, {above_m:.0f} m apart here: "
+        text = f"{EQUAL}height for sea level and ellipsoid, {above_m:.0f} m apart here: "
         if self._equal_heights == "ellipsoid":
             self._tell(text + "the ellipsoid's, and corrected")
             row["altitude_amsl_m"] = value["altitude_ellipsoid_m"] - above_m
-        else:
+            return
+        self._simulation.equal_heights(float(value["altitude_amsl_m"]), above_m)
+        self._doubts += 1
+        if self._doubts == DOUBTS_MIN:
             self._tell(
                 text + "in doubt by as much, set intake.equal_heights "
-                "(sea_level: a simulation, such as ArduPilot SITL)"
+                "(sea_level: a simulation without a geoid)"
             )
-            self.state["doubt_m"] = abs(above_m)
-            sd_m = float(gnss_sd_m(row, 0.0, UNKNOWN_SD_M))
-            row["vertical_sd_m"], row["datum_sd_m"] = math.hypot(sd_m, above_m), abs(above_m)
+        self.state["doubt_m"] = abs(above_m)
+        sd_m = float(gnss_sd_m(row, 0.0, UNKNOWN_SD_M))
+        row["vertical_sd_m"], row["datum_sd_m"] = math.hypot(sd_m, above_m), abs(above_m)
 
     def _tell(self, text: str) -> None:
-        if text[:12] not in self._told:  # heights and ratios in the rest vary
-            self._told[text[:12]] = f"{self._name} {text}"
+        start = text[: len(EQUAL)]  # heights and ratios in the rest vary
+        if start not in self._told:
+            self._told[start] = f"{self._name} {text}"
             logger.warning("%s %s", self._name, text)

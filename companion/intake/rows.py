@@ -15,6 +15,7 @@ from companion.intake.receivers import Receiver
 from companion.intake.row_steps import INTAKE, INTAKE_PARAMS, LARGEST_DOUBT_M, air_time
 from companion.intake.screening import DatumScreen
 from companion.intake.settings import IntakeSettings
+from companion.intake.simulation import Simulation
 from companion.intake.vehicle_clock import Clockwork, VehicleClock
 from companion.known_air import Known
 from companion.mavlink.convert import ZERO_CELSIUS_K, Reading
@@ -46,6 +47,7 @@ class Intake:
     def __init__(self, settings: IntakeSettings) -> None:
         self.clock = VehicleClock(settings)
         self.datum = DatumScreen(settings)
+        self.simulation = Simulation()
         self._settings = settings
         self._begin()
         self.counters: Counter[SampleReject] = Counter()
@@ -71,7 +73,9 @@ class Intake:
     def _begin(self) -> None:
         """Forget the sensors: the vehicle starts."""
         self.primaries = {kind: Primary(kind) for kind in (_PRESSURE, _GNSS)}
-        self.receivers = [Receiver(k, self._settings) for k in range(MAX_INSTANCES)]
+        self.receivers = [
+            Receiver(k, self._settings, self.simulation) for k in range(MAX_INSTANCES)
+        ]
 
     def place(
         self, reading: Reading, source: int, arrival_us: int

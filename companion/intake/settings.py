@@ -38,8 +38,9 @@ class IntakeSettings(Settings):
     reported accuracy explain"""
     equal_heights: Literal["doubt", "ellipsoid", "sea_level"] = "doubt"
     """meaning of a GNSS height that equals the height above the ellipsoid to the millimetre: doubt
-    adds the geoid's undulation to the reported accuracy; ellipsoid subtracts the undulation;
-    sea_level uses the height as it is, for simulators without a geoid"""
+    adds the geoid's undulation to the reported accuracy, unless the vehicle tells that it is
+    simulated (SIMSTATE, SIM_STATE); ellipsoid subtracts the undulation; sea_level uses the height
+    as it is, for simulators without a geoid"""
     air_temperature: Literal["hygrometer", "airspeed", "imu", "none"] = "hygrometer"
     """source of the air temperature: hygrometer is HYGROMETER_SENSOR, a probe in the air; airspeed
     is SCALED_PRESSURE.temperature_press_diff, the sensor behind a pitot tube; imu is

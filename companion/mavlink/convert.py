@@ -271,6 +271,18 @@ def sim_state(message: Message) -> tuple[float, float]:
     return message.alt, -message.vd
 
 
+def hil_state(message: Message) -> tuple[float, float]:
+    """HIL_STATE_QUATERNION, sent by PX4's simulators: true (altitude_amsl_m, climb_mps)."""
+    return message.alt * 1e-3, message.vz * -0.01
+
+
+TRUTHS: dict[int, Callable[[Message], tuple[float, float]]] = {
+    mavlink.MAVLINK_MSG_ID_SIM_STATE: sim_state,
+    mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: hil_state,
+}
+"""Messages of a simulated vehicle with its true altitude and climb."""
+
+
 def global_position(message: Message) -> tuple[int, float, float]:
     """GLOBAL_POSITION_INT: the autopilot's own (time_us since boot, altitude_amsl_m, climb_mps)."""
     return message.time_boot_ms * 1000, message.alt * 1e-3, message.vz * -0.01

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from companion.intake import SampleReject
 from companion.logs.tlog import Batch
 from companion.mavlink.altitude_steps import ALTITUDE
-from companion.mavlink.codec import Frame, decode
+from companion.mavlink.codec import Frame, decode, mavlink
+from companion.mavlink.convert import TRUTHS
 from companion.mavlink.record_scan import INDEX
 from companion.observer import Block, BlockObserver
 from companion.pipeline import Pipeline
@@ -42,6 +43,7 @@ from companion.samples import ESTIMATE, Kind, Rows, Verdict, readable, rows
 
 SMALLEST, LARGEST = 64, 1 << 14
 """frames of a piece: fewer where many are left to the pipeline"""
+SIMSTATE = mavlink.MAVLINK_MSG_ID_SIMSTATE
 REJECTS = (SampleReject.NO_CLOCK, SampleReject.CLOCK, SampleReject.REPLACED)
 Take = Callable[[int, Frame], Any]
 Passed = Callable[[Rows, Callable[[int], tuple[int, Frame]]], None]
@@ -126,7 +128,7 @@ class BlockRunner:
             or any(each is not None for each in told)
         ):
             return None
-        session = id(observer)
+        simulation, session = pipeline.intake.simulation, id(observer)
         if session != self._session:
             self._session, self._beat = session, None
         return Speaker(
@@ -135,8 +137,8 @@ class BlockRunner:
             identity.autopilot,
             identity.vehicle_type,
             pipeline.readings.imu.scale(identity.autopilot),
-            pipeline.wanted,
-            frozenset(pipeline.listeners),
+            pipeline.wanted - ({SIMSTATE} if simulation.is_flat else set()),
+            frozenset(pipeline.listeners) | (TRUTHS.keys() if simulation.in_question else set()),
             pipeline.settings.intake.air_temperature,
             session,
             self._beat,

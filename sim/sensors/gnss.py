@@ -114,7 +114,8 @@ class GnssConfig(SensorConfig):
     fix_changes: tuple[FixChange, ...] = ()
     """changes of the fix type during the flight, such as an RTK receiver that loses its base"""
     undulation_m: Annotated[float, Field(ge=-110.0, le=90.0)] = 47.6
-    """height of the geoid above the ellipsoid; default: EGM96 at 47 N 8 E"""
+    """height of the geoid above the ellipsoid; default: EGM96 at 47 N 8 E; 0 as in ArduPilot SITL,
+    which has no geoid and sends one height in both fields"""
     hdop: Annotated[float, Field(gt=0.0, le=50.0)] = 0.8
     """reported horizontal dilution of precision (eph)"""
     vdop: Annotated[float, Field(gt=0.0, le=50.0)] = 1.3

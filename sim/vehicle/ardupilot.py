@@ -4,28 +4,20 @@ rates and commands.
 Here are what all flavours share, and `TELEMETRY`, ArduPilot's table (PX4's is in ``px4.py``, the
 choice of one in ``flavours.py``). Integers and units are ArduPilot's, as measured: RAW_IMU in mG
 and mrad/s truncated as its C casts do, GPS_RAW_INT in whole milliseconds and with 65535 for
-unknown, SCALED_PRESSURE stamped when sent, SIM_STATE without any time. Besides SIM_STATE the truth
-has a DEBUG_FLOAT_ARRAY, `TRUE_AIR`, which goes to logs and to who asks.
+unknown, SCALED_PRESSURE stamped when sent.
 """
 
 import math
 import struct
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from enum import Enum
-from math import cos, sin
+from collections.abc import Mapping
 
 from companion.mavlink.codec import mavlink
 from sim import BOOT_UNIX_US
-from sim.aircraft_state import Motion, Truth
 from sim.constants import G0_MPS2, ZERO_CELSIUS_K
-from sim.sensors.barometer import Pressure
-from sim.sensors.gnss import Fix
-from sim.sensors.imu import ImuSample
-from sim.vehicle.frames import Packer, packer
+from sim.vehicle.frames import packer
 from sim.vehicle.magnetic_field import field_b_mgauss
-from sim.vehicle.own_estimate import Position
-from sim.weather import TrueAir
+from sim.vehicle.stream import Fresh, State, Telemetry
+from sim.vehicle.truth import SIM_STATE, SIMSTATE, TRUE_AIR, sim_state, simstate, true_air
 
 MAV_TYPE_FIXED_WING = 1
 MAV_AUTOPILOT_ARDUPILOTMEGA = 3
@@ -47,65 +39,6 @@ _PRESSURE_SENSORS: int = (
 _RECEIVER: int = mavlink.MAV_SYS_STATUS_SENSOR_GPS
 _ESTIMATE: int = mavlink.MAV_SYS_STATUS_AHRS | mavlink.MAV_SYS_STATUS_PREARM_CHECK
 _ALL_SENSORS = _MOTION_SENSORS | _PRESSURE_SENSORS | _RECEIVER | _ESTIMATE
-TRUE_AIR = "trueAir"
-_ARRAY_SIZE = 58
-
-
-@dataclass(slots=True)
-class State:
-    """The values that the messages hold at one instant."""
-
-    time_us: int = 0
-    armed: bool = False
-    truth: Truth | None = None
-    motion: Motion | None = None
-    """true mean motion over the last IMU sample"""
-    attitude_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    throttle: float = 0.0
-    """commanded throttle, 0 to 1"""
-    imu: ImuSample | None = None
-    pressure: Pressure | None = None
-    air_temperature_k: float = math.nan
-    """reading of the probe in the air; NaN without one"""
-    fix: Fix | None = None
-    position: Position | None = None
-    home: Position | None = None
-    origin: Position | None = None
-    """origin of the vehicle's own estimate"""
-    ground_pressure_pa: float = math.nan
-    """first reading, to which the barometer was calibrated at boot"""
-    parameters: Mapping[str, float] = field(default_factory=dict)
-    true_air: Callable[[Truth], TrueAir] | None = None
-    """true values of the air at the aircraft"""
-
-
-class Fresh(Enum):
-    """The sample that a message carries; the message is not repeated before there is a new one."""
-
-    ANY = 0
-    """no sample: the last values are sent whenever the message is due"""
-    MOTION = 1
-    FIX = 2
-    IMU = 3
-    PRESSURE = 4
-
-
-@dataclass(frozen=True)
-class Telemetry:
-    """One streamed message."""
-
-    packer: Packer
-    payload: Callable[[State], bytes | None]
-    """function that returns the payload; None while there is nothing to send"""
-    default_hz: float
-    """rate on a link without requests: ArduPlane's 1 Hz; 0 is sent on request only"""
-    full_hz: float
-    """rate in a log, and with --all-streams"""
-    group: int = -1
-    """MAV_DATA_STREAM of REQUEST_DATA_STREAM; -1 none"""
-    fresh: Fresh = Fresh.ANY
-    follows: tuple[int, ...] = ()
-    """ids of messages that carry its time; it is sent right after one of them"""
 
 
 def heartbeat(state: State) -> bytes:
@@ -135,52 +68,6 @@ def raw_imu(state: State) -> bytes | None:
     except (struct.error, OverflowError):  # beyond the range of the fields
         values = map(int16, (x, y, z, p, q, r))
         return _RAW_IMU.wire(state.time_us, *values, *mag, 0, die_cdegc)
-
-
-def sim_state(state: State) -> bytes | None:
-    """The truth: altitude AMSL, velocity NED, attitude, and the true mean specific force and
-    rates."""
-    truth, motion = state.truth, state.motion
-    if truth is None or motion is None:
-        return None
-    _, latitude_deg, longitude_deg, altitude_m, north, east, down, roll, pitch, yaw, *_ = truth
-    cr, sr = cos(roll / 2), sin(roll / 2)
-    cp, sp = cos(pitch / 2), sin(pitch / 2)
-    cy, sy = cos(yaw / 2), sin(yaw / 2)
-    return _SIM_STATE.wire(
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-        roll,
-        pitch,
-        math.remainder(yaw, math.tau),
-        *motion.specific_force_b_mps2,
-        *motion.angular_rate_b_radps,
-        latitude_deg,
-        longitude_deg,
-        altitude_m,
-        0.0,
-        0.0,
-        north,
-        east,
-        down,
-        round(latitude_deg * 1e7),
-        round(longitude_deg * 1e7),
-    )
-
-
-def true_air(state: State) -> bytes | None:
-    """The truth of the air, in a message that loggers and plotters show: QNH (hPa), the column's
-    pressure at sea level (hPa), temperature less the standard one (K), pressure altitude (m), wind
-    towards north, east, down (m/s)."""
-    if state.truth is None or state.true_air is None:
-        return None
-    air = state.true_air(state.truth)
-    told = [air.qnh_pa * 0.01, air.sea_level_pa * 0.01, *air[2:]]
-    return _DEBUG_FLOAT_ARRAY.named(
-        time_usec=state.truth.time_us, name=TRUE_AIR, data=told + [0.0] * (_ARRAY_SIZE - len(told))
-    )
 
 
 def scaled_pressure(state: State) -> bytes | None:
@@ -348,9 +235,7 @@ _VFR_HUD = packer("VFR_HUD")
 _SYSTEM_TIME = packer("SYSTEM_TIME")
 _ATTITUDE = packer("ATTITUDE")
 _RAW_IMU = packer("RAW_IMU")
-_SIM_STATE = packer("SIM_STATE")
 _HIGHRES_IMU = packer("HIGHRES_IMU")
-_DEBUG_FLOAT_ARRAY = packer("DEBUG_FLOAT_ARRAY")
 _SCALED_PRESSURE = packer("SCALED_PRESSURE")
 _HYGROMETER_SENSOR = packer("HYGROMETER_SENSOR")
 _GPS_RAW_INT = packer("GPS_RAW_INT")
@@ -369,7 +254,7 @@ _TABLE = (
     Telemetry(_ATTITUDE, attitude, 1.0, 10.0, _EXTRA1, Fresh.MOTION),
     Telemetry(_RAW_IMU, raw_imu, 1.0, 50.0, _RAW_SENSORS, Fresh.MOTION),
     Telemetry(
-        _SIM_STATE,
+        SIM_STATE,
         sim_state,
         1.0,
         25.0,
@@ -377,6 +262,7 @@ _TABLE = (
         Fresh.MOTION,
         (_RAW_IMU.message_id, _ATTITUDE.message_id),
     ),
+    Telemetry(SIMSTATE, simstate, 0.0, 0.0, _EXTRA1, Fresh.MOTION),
     Telemetry(_SCALED_PRESSURE, scaled_pressure, 1.0, 20.0, _RAW_SENSORS),
     Telemetry(_HYGROMETER_SENSOR, hygrometer_sensor, 1.0, 1.0, _EXTRA3),
     Telemetry(_GPS_RAW_INT, gps_raw_int, 1.0, 5.0, _EXTENDED_STATUS, Fresh.FIX),
@@ -385,7 +271,7 @@ _TABLE = (
     Telemetry(_EXTENDED_SYS_STATE, extended_sys_state, 1.0, 1.0, _EXTENDED_STATUS),
     Telemetry(_HOME_POSITION, home_position, 0.2, 0.2),
     Telemetry(_HIGHRES_IMU, highres_imu, 0.0, 0.0),
-    Telemetry(_DEBUG_FLOAT_ARRAY, true_air, 0.0, 1.0),
+    Telemetry(TRUE_AIR, true_air, 0.0, 1.0),
 )
 
 TELEMETRY: Mapping[int, Telemetry] = {row.packer.message_id: row for row in _TABLE}

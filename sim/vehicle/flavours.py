@@ -7,9 +7,9 @@ from typing import Literal
 from companion.mavlink.codec import mavlink
 from sim.vehicle import ardupilot as telemetry
 from sim.vehicle import parameters, px4
-from sim.vehicle.ardupilot import State, Telemetry
 from sim.vehicle.frames import packer
 from sim.vehicle.parameters import Parameter
+from sim.vehicle.stream import State, Telemetry
 
 FlavourName = Literal["ardupilot", "copter", "px4", "generic"]
 

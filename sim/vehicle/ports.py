@@ -11,9 +11,9 @@ from heapq import heapify, heappop, heappush
 from operator import itemgetter
 
 from sim import TICK_US
-from sim.vehicle.ardupilot import Fresh, State, Telemetry
 from sim.vehicle.flavours import ARDUPILOT, Flavour
 from sim.vehicle.frames import Packer
+from sim.vehicle.stream import Fresh, State, Telemetry
 
 MIN_INTERVAL_US = 20_000
 """shortest interval of any message: 50 Hz, the rate of the IMU samples"""

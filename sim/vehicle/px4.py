@@ -16,10 +16,12 @@ from collections.abc import Mapping
 from sim.constants import G0_MPS2, ZERO_CELSIUS_K
 from sim.sensors.barometer import Pressure
 from sim.vehicle import ardupilot as common
-from sim.vehicle.ardupilot import Fresh, State, Telemetry, int16
+from sim.vehicle.ardupilot import int16
 from sim.vehicle.frames import packer
 from sim.vehicle.magnetic_field import field_b_mgauss
 from sim.vehicle.own_estimate import isa_altitude_m
+from sim.vehicle.stream import Fresh, State, Telemetry
+from sim.vehicle.truth import SIM_STATE, TRUE_AIR, sim_state, true_air
 
 _AUTOPILOT_PX4 = 12
 _FIXED_WING = 1
@@ -162,7 +164,6 @@ _SYSTEM_TIME = packer("SYSTEM_TIME")
 _ATTITUDE = packer("ATTITUDE")
 _HIGHRES_IMU = packer("HIGHRES_IMU")
 _SCALED_IMU = packer("SCALED_IMU")
-_SIM_STATE = packer("SIM_STATE")
 _SCALED_PRESSURE = packer("SCALED_PRESSURE")
 _HYGROMETER_SENSOR = packer("HYGROMETER_SENSOR")
 _GPS_RAW_INT = packer("GPS_RAW_INT")
@@ -170,7 +171,6 @@ _GLOBAL_POSITION_INT = packer("GLOBAL_POSITION_INT")
 _ALTITUDE = packer("ALTITUDE")
 _EXTENDED_SYS_STATE = packer("EXTENDED_SYS_STATE")
 _HOME_POSITION = packer("HOME_POSITION")
-_DEBUG_FLOAT_ARRAY = packer("DEBUG_FLOAT_ARRAY")
 _TIMED = (_HIGHRES_IMU.message_id, _ATTITUDE.message_id)
 
 _TABLE = (
@@ -181,7 +181,7 @@ _TABLE = (
     Telemetry(_SCALED_IMU, scaled_imu, 0.0, 25.0, fresh=Fresh.IMU),
     Telemetry(_ATTITUDE, common.attitude, 50.0, 50.0, fresh=Fresh.MOTION),
     Telemetry(_HIGHRES_IMU, highres_imu, 50.0, 50.0, fresh=Fresh.IMU),
-    Telemetry(_SIM_STATE, common.sim_state, 0.0, 25.0, fresh=Fresh.MOTION, follows=_TIMED),
+    Telemetry(SIM_STATE, sim_state, 0.0, 25.0, fresh=Fresh.MOTION, follows=_TIMED),
     Telemetry(_HYGROMETER_SENSOR, common.hygrometer_sensor, 1.0, 1.0),
     Telemetry(_GPS_RAW_INT, gps_raw_int, 50.0, 50.0, fresh=Fresh.FIX),
     Telemetry(_GLOBAL_POSITION_INT, common.global_position_int, 50.0, 50.0, fresh=Fresh.MOTION),
@@ -189,7 +189,7 @@ _TABLE = (
     Telemetry(_VFR_HUD, common.vfr_hud, 10.0, 10.0),
     Telemetry(_EXTENDED_SYS_STATE, common.extended_sys_state, 5.0, 5.0),
     Telemetry(_HOME_POSITION, common.home_position, 0.5, 0.5),
-    Telemetry(_DEBUG_FLOAT_ARRAY, common.true_air, 0.0, 1.0),
+    Telemetry(TRUE_AIR, true_air, 0.0, 1.0),
 )
 
 TELEMETRY: Mapping[int, Telemetry] = {row.packer.message_id: row for row in _TABLE}

@@ -27,7 +27,7 @@ from companion.kernels.atmosphere import (
     pressure_altitude_m,
     qnh_pa,
 )
-from companion.samples import Kind, Rows, Verdict, sample
+from companion.samples import Kind, Rows, Verdict, rows, sample
 from tests.flights import Flight, flight
 
 QNH_PA = 100_725.0
@@ -112,6 +112,23 @@ def test_a_setting_that_comes_in_flight_is_taken(name: str, silent: Flight) -> N
     late = elapsed_s > 45.0
     assert np.abs(error_m[late]).max() < 12.0
     assert (np.abs(error_m[late]) < 3.0 * sd_m[late]).all()
+
+
+@pytest.mark.parametrize("field_m", [0.0, 300.0])
+def test_a_field_at_sea_level_is_a_field(field_m: float) -> None:
+    """The temperature of a field at exactly 0 m is used as that of any other; where the field is
+    unknown it is not."""
+    setting = rows(SETTING)
+    setting_start(setting[0])
+    told = {"qnh_pa": QNH_PA, "air_temperature_k": 300.0}
+    note_air(setting[0], air(1_000_000, **told), True)
+    assert math.isnan(setting[0]["air_k"])
+    setting_start(setting[0])
+    note_air(setting[0], air(1_000_000, field_elevation_m=field_m), False)
+    note_level(setting[0], field_m)
+    note_air(setting[0], air(2_000_000, **told), True)  # in flight: for the same field
+    assert setting[0]["field_m"] == field_m
+    assert setting[0]["air_k"] == 300.0
 
 
 @pytest.mark.parametrize("name", PAPERS)

@@ -98,7 +98,7 @@ def test_an_imu_that_was_away_denies_no_motion() -> None:
     made the height unknown."""
     params = VerticalBankSettings().params().view(np.recarray)
     imu = vb.METHOD.init(params).view(np.recarray)[0].imu
-    inertial_start(imu)
+    inertial_start(imu, params[0])
     for time_us in (*range(20_000, 1_000_000, 20_000), *range(6_000_000, 6_200_000, 20_000)):
         take_acceleration(imu, params[0], 0.02, time_us, 0.0)
     assert has_seen(imu, 6_200_000, 0.15)

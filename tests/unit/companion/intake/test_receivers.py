@@ -1,6 +1,7 @@
 """Heights that no receiver can mean, which sensor is the first, and the geoid."""
 
 import math
+from collections.abc import Callable
 
 import pytest
 
@@ -9,7 +10,18 @@ from companion.intake.geoid import undulation_m
 from companion.mavlink.codec import Message, mavlink
 from companion.samples import Kind, Verdict
 from companion.settings import CompanionSettings
-from tests.vehicle import ALTITUDE_M, Outcome, feed, gps, heartbeat, pressure, standing
+from tests.flights import HOST_EPOCH_US
+from tests.vehicle import (
+    ALTITUDE_M,
+    Outcome,
+    Vehicle,
+    feed,
+    gps,
+    heartbeat,
+    merged,
+    pressure,
+    standing,
+)
 
 LATITUDE, LONGITUDE, UNDULATION_M = 47.1, 8.3, 48.5
 
@@ -93,6 +105,69 @@ def test_a_simulator_without_a_geoid_can_be_trusted() -> None:
     outcome = feed(standing(30.0, 60.0, gps=same), settings)
     assert worst_m(outcome) < 3.0
     assert outcome.pipeline.health.health is Health.OK
+
+
+def simstate(boot_s: float) -> Message:
+    return mavlink.MAVLink_simstate_message(*[0.0] * 9, round(LATITUDE * 1e7), 0)
+
+
+def sim_state(altitude_m: float) -> Message:
+    return mavlink.MAVLink_sim_state_message(
+        *[0.0] * 13, LATITUDE, LONGITUDE, altitude_m, *[0.0] * 5
+    )
+
+
+def hil_state(altitude_m: float) -> Message:
+    return mavlink.MAVLink_hil_state_quaternion_message(
+        0, [1.0, 0.0, 0.0, 0.0], *[0.0] * 3, 0, 0, round(altitude_m * 1e3), *[0] * 8
+    )
+
+
+def equal(boot_s: float, altitude_m: float = ALTITUDE_M) -> Message:
+    """A fix with one height for sea level and ellipsoid."""
+    return here(boot_s, altitude_m, alt_ellipsoid=round(altitude_m * 1e3), v_acc=1800)
+
+
+@pytest.mark.parametrize("tell", [simstate, lambda s: sim_state(ALTITUDE_M)])
+def test_a_simulated_vehicle_ends_the_doubt(tell: Callable[[float], Message]) -> None:
+    """Heard for three seconds: that stays, also after a reboot, and no note remains."""
+    once = lambda s: tell(s) if 40.0 <= s < 43.0 else None
+    outcome = feed(
+        [
+            *standing(30.0, 90.0, gps=equal, simulator=(5.0, once)),
+            *standing(3.0, 40.0, host_us=HOST_EPOCH_US + 100_000_000, gps=equal),
+        ]
+    )
+    fixes = [row for kind, row in outcome.rows if kind is Kind.GNSS]
+    assert fixes[0]["vertical_sd_m"] > 45.0
+    assert {row["vertical_sd_m"] for row in fixes[-100:]} == {1.8}
+    assert outcome.pipeline.intake.clock.reboots == 1
+    assert worst_m(outcome) < 3.0
+    assert outcome.pipeline.health.health is Health.OK
+    assert outcome.pipeline.intake.notes == []
+
+
+@pytest.mark.parametrize("tell", [sim_state, hil_state])
+def test_a_simulated_ellipsoid_height_stays_in_doubt(tell: Callable[[float], Message]) -> None:
+    """The simulator's true altitude is 48 m below both heights of the fix."""
+    outcome = feed(
+        standing(
+            30.0,
+            90.0,
+            gps=lambda s: equal(s, ALTITUDE_M + UNDULATION_M),
+            simulator=(5.0, lambda s: tell(ALTITUDE_M)),
+        )
+    )
+    assert outcome.amsl_m() == []
+    assert "ellipsoid" in outcome.pipeline.health.reason
+    assert len(outcome.pipeline.intake.notes) == 1
+
+
+def test_another_sender_does_not_end_the_doubt() -> None:
+    """SIMSTATE of system 2 beside the vehicle, which is system 1."""
+    other = standing(30.0, 60.0, vehicle=Vehicle(2, 1), simulator=(5.0, simstate))
+    outcome = feed(merged(standing(30.0, 60.0, gps=equal), other))
+    assert outcome.amsl_m() == []
 
 
 def test_heights_of_the_two_kinds_are_left_alone() -> None:

@@ -34,6 +34,7 @@ def test_a_silent_client_gets_one_hertz_of_everything(bench: Bench) -> None:
         "HIGHRES_IMU",
         "DEBUG_FLOAT_ARRAY",
         "HYGROMETER_SENSOR",
+        "SIMSTATE",
     }:
         assert counts[name] == pytest.approx(30, abs=1), name
     assert counts["GLOBAL_POSITION_INT"] == pytest.approx(12, abs=1)  # from the origin at 18 s

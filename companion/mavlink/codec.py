@@ -290,7 +290,7 @@ class Encoder:
         sequence, found = self._mav.seq, numbers(message_id)
         if self._signing is None and found is not None:
             payload = found.pack(*found.fields(message))
-            data = self._frame(message_id, payload, sequence, version)
+            data = message._msgbuf = self._frame(message_id, payload, sequence, version)
         else:
             data = message.pack(self._mav, force_mavlink1=version == 1)
             data = _without_extensions(data) if version == 1 else data

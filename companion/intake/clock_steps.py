@@ -47,7 +47,7 @@ SOURCE = np.dtype(
         ("arrival_us", "i8"),
         ("windows", "i8"),
         ("offset_us", "i8"),  # of a base of its own
-        ("base", "i8"),
+        ("origin", "i8"),
         ("repeat_us", "i8"),  # the last stamp, and its time
         ("repeat_time_us", "i8"),
         ("seconds", "i8"),  # how many of the following are in use
@@ -97,7 +97,7 @@ def _forget(c: Rows) -> None:
     c[0].unix_us = NONE_US
     for i in range(SOURCES):
         s = c[0].sources[i]
-        s.offset_us, s.base, s.repeat_us, s.seconds = NONE_US, BY_NOTHING, NONE_US, 0
+        s.offset_us, s.origin, s.repeat_us, s.seconds = NONE_US, BY_NOTHING, NONE_US, 0
 
 
 @step
@@ -220,7 +220,7 @@ def _mapped(c: Rows, p: Rows, s: Record, stamp_us: int) -> int:
     """
     if s.repeat_us == stamp_us:
         return s.repeat_time_us
-    served, base, time_us = s.base, BY_NOTHING, 0
+    served, base, time_us = s.origin, BY_NOTHING, 0
     for i in range(-1, 3):  # the base that served first, then the others
         name = served if i < 0 else i
         if name == BY_NOTHING or (i >= 0 and name == served) or base != BY_NOTHING:
@@ -239,7 +239,7 @@ def _mapped(c: Rows, p: Rows, s: Record, stamp_us: int) -> int:
     if base == BY_NOTHING:
         base, time_us = BY_OWN, c[0].now_us
         s.offset_us, s.seconds = stamp_us - c[0].now_us, 0
-    s.base = base
+    s.origin = base
     time_us = _corrected(s, time_us, c[0].now_us, c[0].boot_us)
     c[0].now_us = max(c[0].now_us, time_us)
     s.repeat_us, s.repeat_time_us = stamp_us, time_us

@@ -250,7 +250,7 @@ def follow(
     for f in range(start, stop):
         frame = frames[f]
         if frame.is_vehicle:
-            alive(s.health, frame.arrival_us)
+            alive(s.health, s.health_params, frame.arrival_us)
         if frame.what == OWN_HEIGHT:
             s.outputs[0].own_us, s.outputs[0].own_amsl_m = frame.a_us, frame.altitude_m
             s.outputs[0].own_home_m = frame.above_home_m
@@ -276,7 +276,7 @@ def follow(
         if lost == 1 and (s.health[0].reason != OF_HOST or s.health[0].detail != 1):
             return f, published
         if lost:
-            lose(s.health, lost)
+            lose(s.health, s.health_params, lost, frame.arrival_us)
     return stop, published
 
 

@@ -352,6 +352,6 @@ class BlockRunner:
             beats = others[others["message_id"] == HEARTBEAT]
             for speaker, time_us in stations(batch.data, beats).items():
                 pipeline.identity.station(speaker, time_us)
-            names = ("system_id", "component_id")
-            for sender in zip(*(others[name].tolist() for name in names), strict=True):
-                pipeline.identity.stranger(sender)
+            columns = (others[name].tolist() for name in ("system_id", "component_id", "time_us"))
+            for system_id, component_id, arrival_us in zip(*columns, strict=True):
+                pipeline.identity.stranger((system_id, component_id), arrival_us)

@@ -184,7 +184,10 @@ def demo(
     ] = "20",
     scenario: Annotated[
         str, typer.Option(help="Name of a scenario (see `list`).")
-    ] = "weather-change",
+    ] = "weather-front",
+    minutes: Annotated[
+        float, typer.Option(help="Simulated minutes after which the flight ends.", min=1.0)
+    ] = 20.0,
     out: Annotated[
         Path, typer.Option(help="Folder for the log and the plot.", metavar="DIR")
     ] = Path("out/demo"),
@@ -208,7 +211,13 @@ def demo(
     )
     options = ["--http", http] if http else []
     tlog = show.fly(
-        scenario, pace, out, DemoTable().show, lambda text: print(text, flush=True), options
+        scenario,
+        pace,
+        out,
+        DemoTable().show,
+        lambda text: print(text, flush=True),
+        options,
+        limit_s=60.0 * minutes,
     )
     collector = show.judge(tlog)
     print(

@@ -120,9 +120,11 @@ def fly(
     show: Callable[[DemoRow], None],
     say: Callable[[str], None],
     options: Sequence[str] = (),
+    *,
+    limit_s: float = math.inf,
 ) -> Path:
-    """Fly `scenario` with a companion (with `options`) at the other end of a UDP socket; the log,
-    with what came back in it."""
+    """Fly `scenario`, `limit_s` of it at most, with a companion (with `options`) at the other end
+    of a UDP socket; the log, with what came back in it."""
     out.mkdir(parents=True, exist_ok=True)
     tlog = out / f"{scenario}.tlog"
     port = free_port()
@@ -132,7 +134,13 @@ def fly(
         link = open_link(f"udpout:127.0.0.1:{port}")
         try:
             flight = Flight(load_scenario(scenario), links=[link], tlog=tlog, speed=speed)
-            summary = flight.run(lambda progress: show(reading(flight, progress)))
+
+            def on_progress(progress: Progress) -> None:
+                show(reading(flight, progress))
+                if progress.time_s >= limit_s:
+                    flight.stop()
+
+            summary = flight.run(on_progress)
         finally:
             link.close()
     finally:

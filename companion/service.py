@@ -87,8 +87,7 @@ class Service:
         signing: SigningStore | None = None,
         reference: ReferenceLink | None = None,
     ) -> None:
-        self.link = link
-        self._reference = reference
+        self.link, self._reference = link, reference
         self.clock = clock
         self.settings = settings
         self.published = 0

@@ -220,14 +220,7 @@ def demo(
         limit_s=60.0 * minutes,
     )
     collector = show.judge(tlog)
-    print(
-        f"\n{'against truth, after the first minute (m)':42s}"
-        f"{'RMSE':>8s}{'95 %':>8s}{'max':>8s}{'bias':>8s}"
-    )
-    for label, found in show.errors(collector).items():
-        print(
-            f"{label:42s}{found.rmse_m:8.2f}{found.p95_m:8.2f}{found.max_m:8.2f}{found.bias_m:8.2f}"
-        )
+    print(f"\n{show.error_table(collector)}")
     picture = out / f"{scenario}.png"
     show.plot(collector, picture, f"{scenario}: what each source says, and by how much it is wrong")
     print(f"\nplot:   {picture}\nlog:    {tlog} (try: kollsman replay {tlog})", flush=True)

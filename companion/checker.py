@@ -2,7 +2,7 @@
 
 It shares nothing with an estimator. An altitude is supported near the barometer or the receiver
 (`companion.agreement`) while the two agree; near the other one while one of them is excluded, or
-near either once a receiver that jumped has stayed where it went; by none once they are 30 m apart
+near either once a receiver that jumped has stayed where it went; by none once they are 25 m apart
 and the faulty one is not known. An altitude that is not supported is not published. An estimator
 that was supported, and is not for 10 s while the sensors agree, is restarted: once, until it was
 supported for 10 s again.
@@ -31,9 +31,9 @@ from companion.samples import Kind, Rows, rows
 
 __all__ = ["AGREEMENT", "CHECKER", "Checker", "asks_restart", "objection"]
 
-LIMIT_M = 30.0
+LIMIT_M = 25.0
 """Largest distance of a supported altitude from a sensor: an error of 50 m must not be published,
-less 10 m of unobserved drift and 10 m of GNSS error."""
+less 15 m of unobserved drift and 10 m of GNSS error."""
 RESTART_US = 10_000_000
 NEVER_US = -(1 << 62)
 

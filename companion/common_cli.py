@@ -173,13 +173,16 @@ def compile_for(
 
 
 def compile_first(settings: "CompanionSettings", *estimators: str) -> None:
-    """Compile for a command that is about to begin, where the cache is empty."""
+    """Compile for a command that is about to take logs, where the cache is empty."""
     from companion.estimators import ESTIMATORS
     from companion.jit import is_warm
+    from companion.replay.block_steps import follow
+    from companion.warmup import warm_up_blocks
 
     cold = [name for name in estimators if not is_warm(ESTIMATORS[name].run)]
-    if cold:
+    if cold or not is_warm(follow):
         from companion.terminal import starting
 
         with starting(Output(2)) as shown:
             compile_for(settings, cold, shown)
+            warm_up_blocks()

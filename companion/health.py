@@ -79,7 +79,7 @@ class HealthMonitor:
         self.params["needed"][0] = Kind.PRESSURE in uses, Kind.GNSS in uses
         self.state: Rows = rows(HEALTH)
         self.state["health"] = Health.LOST
-        for name in ("alive_us", "height_us", "usable_us", "before_us"):
+        for name in ("alive_us", "height_us", "usable_us", "back_us", "before_us"):
             self.state[name] = NEVER_US
         self._heard = ""
         """the reason while the vehicle is silent: who else is heard"""
@@ -134,11 +134,12 @@ class HealthMonitor:
         if state["better_since_us"] != NEVER_US:
             state["better_since_us"] += by_us
         state["alive_us"] = state["height_us"] = state["usable_us"] = NEVER_US
+        state["back_us"] = NEVER_US
         state["shift_us"], state["before_us"] = by_us, NEVER_US
 
     def alive(self, host_us: int) -> None:
         """A frame of the vehicle arrived."""
-        steps.alive(self.state, host_us)
+        steps.alive(self.state, self.params, host_us)
 
     def sample(self, kind: Kind, verdict: Verdict, now_us: int, host_us: int) -> None:
         """A sample of the primary instance got this verdict.
@@ -160,9 +161,7 @@ class HealthMonitor:
         if silence == 1:
             heard = others()
             self._heard = f"vehicle silent, heard: {heard}" if heard else "nothing heard"
-            if changed:
-                self.state["silenced"] = 1
-        steps.lose(self.state, silence)
+        steps.lose(self.state, self.params, silence, host_us)
         return changed
 
     def is_due(self, now_us: int) -> bool:

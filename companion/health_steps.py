@@ -35,6 +35,7 @@ HEALTH = np.dtype(
         ("alive_us", "i8"),  # on the host's clock: the newest frame,
         ("height_us", "i8"),  # barometer or GNSS sample,
         ("usable_us", "i8"),  # and used sample of them
+        ("back_us", "i8"),  # the first frame after a silence
         ("silenced", "i8"),  # whether it is LOST only because the vehicle fell silent
         ("shift_us", "i8"),  # length of our own interruption,
         ("before_us", "i8"),  # and time of the estimate from before it
@@ -68,8 +69,10 @@ def restart(h: Rows) -> None:
 
 
 @step
-def alive(h: Rows, host_us: int) -> None:
+def alive(h: Rows, p: Rows, host_us: int) -> None:
     """A frame of the vehicle arrived."""
+    if h[0].alive_us != NEVER_US and host_us - h[0].alive_us > 0.5 * p[0].silent_us:
+        h[0].back_us = host_us
     h[0].alive_us = host_us
     if h[0].height_us == NEVER_US:
         h[0].height_us = h[0].usable_us = host_us
@@ -113,8 +116,12 @@ def silence(h: Rows, p: Rows, host_us: int) -> int:
 
 
 @step
-def lose(h: Rows, silence: int) -> None:
-    """Health is LOST by the host's clock, for what `silence` tells."""
+def lose(h: Rows, p: Rows, silence: int, host_us: int) -> None:
+    """Health is LOST by the host's clock, for what `silence` tells. Heights are missing for the
+    vehicle's silence only where it was heard again a moment ago."""
+    is_back = h[0].back_us != NEVER_US and host_us - h[0].back_us < p[0].silent_us
+    if h[0].health != LOST and (silence == 1 or (silence == 2 and is_back)):
+        h[0].silenced = 1
     h[0].health, h[0].reason, h[0].detail, h[0].better_since_us = LOST, OF_HOST, silence, NEVER_US
 
 

@@ -5,6 +5,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -43,6 +44,19 @@ Examples:
 """
 
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+class StoppedEarly(BaseException):
+    """A stop signal before the service was ready: compiling may last minutes more."""
+
+
+@dataclass
+class Stop:
+    """The stop signals received so far."""
+
+    received: list[int] = field(default_factory=list)
+    is_ready: bool = False
+    """whether the service looks at `received`; before, a signal raises `StoppedEarly`"""
 
 
 MoreOption = Annotated[
@@ -112,7 +126,10 @@ def run(
     early = partial(begin, config=config, changes=changes)
     telling = reporter(Output(), as_json=as_json, is_quiet=is_quiet())
     with closing(telling):
-        _serve([link, *(more or [])], early, resolve, telling, started_s)
+        try:
+            _serve([link, *(more or [])], early, resolve, telling, started_s)
+        except StoppedEarly:
+            telling.stopped("before the service was ready", [])
 
 
 def _serve(
@@ -133,7 +150,7 @@ def _serve(
     from companion.links import open_links
 
     clock = SystemClock()
-    with ExitStack() as stack, _stop_signals() as stopped:
+    with ExitStack() as stack, _stop_signals() as stop:
         opened = open_links(urls, clock)
         stack.callback(opened.close)
         interim = early(opened, clock)
@@ -141,7 +158,7 @@ def _serve(
             stack.callback(interim.stop)
         settings = resolve()
         assert interim is not None, "settings that are wrong raise"
-        _run(opened, interim, settings, clock, stopped, telling, started_s)
+        _run(opened, interim, settings, clock, stop, telling, started_s)
 
 
 def _run(
@@ -149,11 +166,11 @@ def _run(
     interim: "Interim",
     settings: "CompanionSettings",
     clock: "Clock",
-    stopped: list[int],
+    stop: Stop,
     telling: Reporter,
     started_s: float,
 ) -> None:
-    """Serve the vehicle on the open link until a signal is in `stopped`."""
+    """Serve the vehicle on the open link until `stop` has a signal."""
     with ExitStack() as stack:
         from companion.checkpoint import Checkpoint, fingerprint
         from companion.recording import Recording
@@ -185,8 +202,9 @@ def _run(
 
         def run_one(service: Service) -> None:
             telling.ready(service, time.perf_counter() - started_s)
-            service.run(lambda: bool(stopped), telling.show, page(service) if page else None)
+            service.run(lambda: bool(stop.received), telling.show, page(service) if page else None)
 
+        stop.is_ready = True
         interim.stop()
         serve(make, run_one, clock)
         stack.close()
@@ -235,18 +253,21 @@ def _with_options(
 
 
 @contextmanager
-def _stop_signals() -> Iterator[list[int]]:
+def _stop_signals() -> Iterator[Stop]:
     """SIGINT, SIGTERM and SIGHUP ask for a clean stop; a second SIGINT is an ordinary interrupt.
+    Before the service is ready, they end the block of this manager at once.
 
     SIGHUP stays ignored under nohup. SIGINT does not: shells start background jobs with it ignored,
     and whoever sends it all the same means it.
     """
-    received: list[int] = []
+    asked = Stop()
 
     def stop(number: int, _frame: object) -> None:
-        if number == signal.SIGINT and number in received:
+        if number == signal.SIGINT and number in asked.received:
             raise KeyboardInterrupt
-        received.append(number)
+        asked.received.append(number)
+        if not asked.is_ready and len(asked.received) == 1:
+            raise StoppedEarly
 
     before = {
         number: signal.signal(number, stop)
@@ -254,7 +275,7 @@ def _stop_signals() -> Iterator[list[int]]:
         if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN
     }
     try:
-        yield received
+        yield asked
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

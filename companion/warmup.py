@@ -6,7 +6,7 @@ import math
 
 from companion.estimators import run_log
 from companion.estimators.method import Method
-from companion.mavlink.codec import Encoder, mavlink
+from companion.mavlink.codec import Encoder, Message, mavlink
 from companion.pipeline import Pipeline
 from companion.samples import Packet, SampleLog
 from companion.settings import CompanionSettings
@@ -32,12 +32,26 @@ def warm_up(settings: CompanionSettings) -> None:
                 boot_ms * 1000, 3, 1, 1, 500, 100, 150, 0, 0, 10, 17_500, 1000, 2000, 100, 0
             ),
         ]
+        if tick == SECONDS * RATE_HZ - 1:
+            messages += rare_messages(boot_ms)
         for message in messages:
             pipeline.feed(Packet(boot_ms * 1000, vehicle.encode(message)))
     pipeline.flush(0)
     logging.getLogger("kollsman").setLevel(logging.NOTSET)
     if not math.isfinite(float(pipeline.estimate["altitude_amsl_m"][0])):
         raise AssertionError("the warm-up did not reach an estimate")
+
+
+def rare_messages(boot_ms: int) -> list[Message]:
+    """Messages with steps of their own that may come for the first time in flight."""
+    return [
+        mavlink.MAVLink_distance_sensor_message(boot_ms, 10, 5000, 100, 0, 0, 25, 0),
+        mavlink.MAVLink_home_position_message(1, 1, 500, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0),
+        mavlink.MAVLink_system_time_message(1_700_000_000_000_000, boot_ms),
+        mavlink.MAVLink_vfr_hud_message(0, 0, 0, 0, 0, 0),
+        mavlink.MAVLink_global_position_int_message(boot_ms, 1, 1, 500, 0, 0, 0, 0, 0),
+        mavlink.MAVLink_altitude_message(boot_ms * 1000, 0, 0, 0, 0, 0, 0),
+    ]
 
 
 def warm_up_loop(method: Method) -> None:

@@ -132,6 +132,10 @@ class Flight:
         self.tables[kind][name][chosen] = how(self.tables[kind][name][chosen])
         return self
 
+    def stand(self, until_s: float = 20.0) -> "Flight":
+        """The receiver says that the vehicle stands until then, and it does not move by much."""
+        return self.change(Kind.GNSS, "ground_speed_mps", lambda speed: 0.0 * speed, 0.0, until_s)
+
     def shift(self, duration_us: int) -> "Flight":
         """The same flight after a longer time since boot."""
         for table in self.tables.values():

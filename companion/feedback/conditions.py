@@ -23,7 +23,7 @@ class Hold(Enum):
     UNSETTLED = "not settled yet"
     DISARMED = "disarmed"
     LOW = "below feedback.floor_m"
-    ENOUGH = "the error is within the dead band"
+    ENOUGH = "no further change is proven"
     BOUND = "feedback.bound_m is reached"
 
 
@@ -53,7 +53,8 @@ def objection(
 ) -> Hold:
     """What speaks against a comparison of the vehicle's altitude with ours."""
     value = situation.estimate[0]
-    known = math.isfinite(value["baro_offset_m"]) and math.isfinite(value["climb_mps"])
+    names = ("baro_offset_m", "climb_mps", "altitude_sd_m")
+    known = all(math.isfinite(value[name]) for name in names)
     if situation.health is not Health.OK or not known:
         return Hold.HEALTH
     if value["faulty"] != FaultySensor.NONE:

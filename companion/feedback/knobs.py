@@ -79,7 +79,10 @@ KNOBS: Mapping[str, Knob] = {
         "SENS_BARO_QNH",
         850.0,
         1100.0,
-        {"EKF2_HGT_REF": (0, "height is not the barometer's")},
+        {
+            "EKF2_HGT_REF": (0, "height is not the barometer's"),
+            "EKF2_BARO_CTRL": (1, "the barometer is not used"),
+        },
         _qnh_raised,
         _qnh_metres,
     ),
@@ -99,3 +102,8 @@ def parameter_value(message: Message, autopilot: int) -> float:
 def single(value: float) -> float:
     """`value` as a parameter holds it, in single precision."""
     return float(struct.unpack("<f", struct.pack("<f", value))[0])
+
+
+def same(value: float, other: float) -> bool:
+    """Whether a parameter holds what was written, in single precision."""
+    return abs(value - other) <= 1e-6 * max(1.0, abs(other))

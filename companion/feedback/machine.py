@@ -18,7 +18,8 @@ from dataclasses import dataclass, replace
 from enum import Enum, auto
 
 from companion.feedback.conditions import Hold, OwnHeight, Situation, objection
-from companion.feedback.knobs import KNOBS, REAL32, Knob, parameter_value, single
+from companion.feedback.evidence import target_m
+from companion.feedback.knobs import KNOBS, REAL32, Knob, parameter_value, same, single
 from companion.feedback.mark import Mark
 from companion.feedback.need import Need
 from companion.feedback.questions import ANSWER_US, Questions
@@ -36,9 +37,10 @@ POLL_US = 10_000_000
 TELL_M = 5.0
 """the correction is told by STATUSTEXT each time it has changed by so much"""
 LATE_US = 3_000_000
-BESIDE_M, BESIDE_SHARE = 5.0, 0.05
+BESIDE_M, BESIDE_SHARE, BESIDE_GROUND_M = 5.0, 0.05, 1.0
 """How far the vehicle's altitude may leave its barometer's: filters and static ports, and a column
-that is warmer than the firmware thinks."""
+that is warmer than the firmware thinks. On the ground there is less, and ArduPlane sets its datum
+anew there every second, so that it follows no write."""
 TEXT_SIZE = 50
 NAMED = mavlink.MAV_SEVERITY_NOTICE
 WARNED = mavlink.MAV_SEVERITY_WARNING
@@ -102,6 +104,7 @@ class Feedback:
         self._has_flown = self._restores = self._corrects = False
         self._need = Need()
         self._reference_m = self._reference_beside_m = self._reference_height_m = math.nan
+        self._reference_sd_m = self._sd_m = 0.0
         self._original = self._value = self._previous = self._unconfirmed = math.nan
         self._pending: _Pending | None = None
         self._failures = 0
@@ -140,28 +143,28 @@ class Feedback:
             self._questions.values.setdefault(name, value)
         elif name != self.knob.parameter:
             if value != self._questions.values.get(name):
-                self._end(f"{name} was changed to {value:g}")
+                self._end(f"{name} now {value:g}")
         elif not math.isnan(self._value):
             self._read_back(value)
 
     def _read_back(self, value: float) -> None:
         pending = self._pending
-        if pending is not None and _same(value, pending.value):
+        if pending is not None and same(value, pending.value):
             self._previous, self._value = self._value, pending.value
             self._pending, self._failures = None, 0
-            if self._restores and _same(value, self._original):
+            if self._restores and same(value, self._original):
                 self._restored()
-        elif _same(value, self._unconfirmed):  # the answer was lost, not the write
+        elif same(value, self._unconfirmed):  # the answer was lost, not the write
             self._value, self._failures = value, 0
             self._is_at(value)
-        elif not _same(value, self._value) and not self._is_old(value):
+        elif not same(value, self._value) and not self._is_old(value):
             self._drop_mark()
             self._value = math.nan  # theirs: it is not restored either
             self._end(f"parameter changed to {value:g}")
 
     def _is_old(self, value: float) -> bool:
         """Whether an answer from before the last write may have been late."""
-        return _same(value, self._previous) and self._now_us < self._due_us + LATE_US
+        return same(value, self._previous) and self._now_us < self._due_us + LATE_US
 
     def _is_at(self, value: float) -> None:
         """The parameter is known to hold `value`."""
@@ -181,7 +184,7 @@ class Feedback:
             self._target, self._autopilot = situation.vehicle, situation.autopilot
             self.phase = Phase.READING
             if situation.autopilot != knob.autopilot:
-                self._end(f"{knob.parameter} is another autopilot's")
+                self._end(f"no {knob.parameter} here")
         messages: list[Message] = []
         if self.phase is Phase.READING:
             messages = self._read(knob, now_us)
@@ -202,11 +205,11 @@ class Feedback:
         in_flight = self._armed is not False and abs(self.offset_m) > STEP_M
         if self.settings.on_stop == "restore" and not in_flight:
             messages = [self._set(self.knob, self._original)]
-            self._say(f"stops, {name} restored")
+            self._say(f"stops: {name} restored")
         else:
             if self.settings.on_stop == "keep":
                 self._drop_mark()
-            self._say(f"stops, {name} keeps {self.offset_m:+.1f} m")
+            self._say(f"stops: {name} {self.offset_m:+.1f} m")
         texts, self._texts = self._texts, []
         return messages + texts
 
@@ -216,14 +219,14 @@ class Feedback:
         if not self._questions.missing:
             self._begin(knob, self._questions.values)
         elif self._questions.has_failed:
-            self._end(f"no answer about {self._questions.missing}")
+            self._end(f"{self._questions.missing} not heard")
         return [self._request(name)] if name else []
 
     def _begin(self, knob: Knob, values: Mapping[str, float]) -> None:
         """All parameters are known: check them, and what an earlier run has left."""
         for name, (needed, meaning) in knob.conditions.items():
             if values[name] != needed:
-                self._end(f"{name} {values[name]:g}: {meaning}")
+                self._end(f"{name} {values[name]:g}, not {needed:g}", meaning)
                 return
         value = values[knob.parameter]
         if not knob.lowest <= value <= knob.highest:
@@ -233,9 +236,9 @@ class Feedback:
         mark = self.mark
         if mark is None:
             return
-        ours = _same(value, mark.written) or _same(value, mark.previous)
+        ours = same(value, mark.written) or same(value, mark.previous)
         is_here = (mark.system_id, mark.parameter) == (self._target[0], knob.parameter)
-        if not (is_here and ours) or _same(value, mark.original):
+        if not (is_here and ours) or same(value, mark.original):
             logger.info("%s is %g, no longer ours of an earlier run", knob.parameter, value)
             self._drop_mark()
             return
@@ -243,9 +246,9 @@ class Feedback:
         self.offset_m = self._told_m = knob.metres(mark.original, value)
         self._need.holds(self.offset_m)
         if mark.reference_m is not None and self._now_us >= mark.time_us:
-            self._reference_m = mark.reference_m
+            self._reference_m, self._reference_sd_m = mark.reference_m, mark.reference_sd_m
         self._restores = self._armed is False
-        self._say(f"found its {knob.parameter} {value:.2f}")
+        self._say(f"found its {knob.parameter} {value:.1f}")
 
     def _measure(self, now_us: int, situation: Situation) -> None:
         """Follow both altitudes; `hold` is the reason for which nothing can be written now."""
@@ -257,6 +260,7 @@ class Feedback:
         assert self._height is not None
         time_us, vehicle_m, relative_m = self._height
         value = situation.estimate[0]
+        self._sd_m = float(value["altitude_sd_m"])
         ahead_s = (time_us - int(value["time_us"])) * 1e-6
         ours_m = float(value["altitude_amsl_m"]) + ahead_s * float(value["climb_mps"])
         if not self._is_good:
@@ -276,11 +280,13 @@ class Feedback:
             if on_ground and not absolute:
                 return Hold.DISARMED
             self._reference_m = 0.0 if absolute else need.total_m - self.offset_m
+            self._reference_sd_m = 0.0 if absolute else self._sd_m
         elif on_ground and (self._has_flown or self.settings.datum != "absolute"):
             return Hold.DISARMED
         if math.isnan(self._reference_beside_m):
             self._reference_beside_m, self._reference_height_m = need.beside_m, ours_m
-        allowed_m = BESIDE_M + BESIDE_SHARE * abs(ours_m - self._reference_height_m)
+        allowed_m = BESIDE_GROUND_M if on_ground else BESIDE_M
+        allowed_m += BESIDE_SHARE * abs(ours_m - self._reference_height_m)
         if abs(need.beside_m - self._reference_beside_m) > allowed_m:
             return Hold.UNFOLLOWED
         if self._armed is not False and relative_m < self.settings.floor_m:
@@ -308,7 +314,7 @@ class Feedback:
         self._is_at(self._value)
         if self._failures >= FAILURES:
             self._restores = False
-            self._end(f"{knob.parameter} not read back twice")
+            self._end("writes are not read back")
         return []
 
     def _write_next(self, knob: Knob, now_us: int) -> list[Message]:
@@ -317,7 +323,8 @@ class Feedback:
             return self._write(knob, now_us, 0.0) if self._failures < FAILURES else []
         if self.phase is not Phase.READY or self.hold is not Hold.NONE:
             return []
-        wanted_m = self._need.total_m - self._reference_m
+        limit_m = self.settings.proof_sd * math.hypot(self._reference_sd_m, self._sd_m)
+        wanted_m = target_m(self.offset_m, self._need.total_m - self._reference_m, limit_m)
         bound_m = self.settings.bound_m
         error_m = max(-bound_m, min(bound_m, wanted_m)) - self.offset_m
         self._corrects = abs(error_m) > (
@@ -333,15 +340,18 @@ class Feedback:
         """PARAM_SET of a correction, once the mark is kept."""
         value = single(knob.raised(self._original, offset_m)) if offset_m else self._original
         if not knob.lowest <= value <= knob.highest:
-            self._end(f"{knob.parameter} would be {value:g}")
+            self._end(f"{knob.parameter} at a limit")
             return []
         reference_m = None if math.isnan(self._reference_m) else self._reference_m
-        before = (self._original, value, self._value)
-        self.mark = Mark(self._target[0], knob.parameter, *before, now_us, reference_m)
+        before, counts_from = (
+            (self._original, value, self._value),
+            (reference_m, self._reference_sd_m),
+        )
+        self.mark = Mark(self._target[0], knob.parameter, *before, now_us, *counts_from)
         if not self._keep(self.mark):
-            self._end("its mark cannot be kept on disk")
+            self._end("no place for its mark")
             return []
-        if not self.writes:
+        if not self.writes and not self.offset_m:
             self._say(f"starts: {knob.parameter} {self._original:g}")
         self.writes += 1
         self.offset_m = offset_m
@@ -365,12 +375,13 @@ class Feedback:
         self.mark = None
         self._keep(None)
 
-    def _end(self, why: str) -> None:
+    def _end(self, why: str, meaning: str = "") -> None:
         """Write no more. What was written stays, and is restored after disarming if it is still
-        ours."""
+        ours. `why` has room for 26 letters on the ground station; the log tells the meaning too."""
         if self.phase is Phase.ENDED:
             return
-        self.phase, self.why_ended, self._pending = Phase.ENDED, why, None
+        self.why_ended = f"{why}: {meaning}" if meaning else why
+        self.phase, self._pending = Phase.ENDED, None
         self._say(f"ends: {why}", WARNED)
 
     def _say(self, text: str, severity: int = NAMED) -> None:
@@ -385,8 +396,3 @@ class Feedback:
         return mavlink.MAVLink_param_set_message(
             *self._target, knob.parameter.encode(), value, REAL32
         )
-
-
-def _same(value: float, other: float) -> bool:
-    """Whether a parameter holds what was written, in single precision."""
-    return abs(value - other) <= 1e-6 * max(1.0, abs(other))

@@ -32,6 +32,8 @@ class Mark:
     """vehicle's clock at the last write; a smaller one later is a restart of the vehicle"""
     reference_m: float | None = None
     """the correction at arming, from which the change counts, m; None before arming"""
+    reference_sd_m: float = 0.0
+    """its standard deviation, m"""
 
 
 class MarkFile:
@@ -56,8 +58,9 @@ class MarkFile:
             return None
         try:
             values = json.loads(self.path.read_text(encoding="utf-8"))
-            mark = Mark(**{each.name: values.get(each.name) for each in fields(Mark)})
-            numbers = (mark.original, mark.written, mark.previous)
+            names = [each.name for each in fields(Mark)]
+            mark = Mark(**{name: values[name] for name in names if name in values})
+            numbers = (mark.original, mark.written, mark.previous, mark.reference_sd_m)
             if not all(isinstance(number, float) and math.isfinite(number) for number in numbers):
                 raise ValueError("a value is no number")
         except FileNotFoundError:

@@ -3,10 +3,12 @@ out."""
 
 import math
 
-TIME_S = 10.0
+TIME_S = 5.0
 """time constant of the low-pass; an autopilot's height lags in turbulence, climbs and gusts"""
 LAG_S = 3.0
-"""time from a write to its effect: ArduPilot follows BARO_ALT_OFFSET with 2 s, its EKF with 1 s"""
+"""time from a write to its effect, rather short than long: ArduPilot follows BARO_ALT_OFFSET with
+5 s (2 s before 4.6), its EKF later still. A longer time delays the correction by as much; a shorter
+one lets it overshoot by what is written in the difference, 0.05 m/s."""
 LONGEST_S = 5.0
 """a gap between two heights that ends what was settled"""
 

@@ -20,10 +20,13 @@ class FeedbackSettings(Settings):
     """largest total correction of the altitude"""
     level_m: float = Field(25.0, gt=0, le=1000)
     """largest protection level at which the parameter is written"""
-    floor_m: float = Field(30.0, ge=0, le=10_000)
+    floor_m: float = Field(20.0, ge=0, le=10_000)
     """height above the field below which nothing is written while armed; 0 allows it"""
     dead_band_m: float = Field(0.5, ge=0, le=10)
     """error of the autopilot's altitude at which a correction starts"""
+    proof_sd: float = Field(2.0, ge=0, le=10)
+    """number of its own standard deviations that a change must exceed before any of it is written;
+    larger changes are written almost whole, and 0 writes every change"""
     period_s: float = Field(2.0, ge=2, le=60)
     """least time between two writes"""
     settle_s: float = Field(30.0, ge=5, le=600)

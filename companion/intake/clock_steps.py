@@ -47,7 +47,9 @@ SOURCE = np.dtype(
         ("arrival_us", "i8"),
         ("windows", "i8"),
         ("offset_us", "i8"),  # of a base of its own
-        ("base", "i8"),
+        ("origin", "i8"),
+        ("doubt_us", "i8"),  # the first stamp that was ahead of the clock; NONE_US before one
+        ("doubt_boot_us", "i8"),  # and the newest stamp from boot then
         ("repeat_us", "i8"),  # the last stamp, and its time
         ("repeat_time_us", "i8"),
         ("seconds", "i8"),  # how many of the following are in use
@@ -97,7 +99,8 @@ def _forget(c: Rows) -> None:
     c[0].unix_us = NONE_US
     for i in range(SOURCES):
         s = c[0].sources[i]
-        s.offset_us, s.base, s.repeat_us, s.seconds = NONE_US, BY_NOTHING, NONE_US, 0
+        s.offset_us, s.origin, s.repeat_us, s.seconds = NONE_US, BY_NOTHING, NONE_US, 0
+        s.doubt_us, s.doubt_boot_us = NONE_US, NONE_US
 
 
 @step
@@ -119,7 +122,7 @@ def place(
         return tick(c, p, unwrapped(c, stamp_us), arrival_us)
     if c[0].now_us < 0:
         return DOUBT, -1
-    return TICK, _mapped(c, p, s, stamp_us)
+    return _mapped(c, p, s, stamp_us)
 
 
 @step
@@ -211,25 +214,21 @@ def unwrapped(c: Rows, stamp_us: int) -> int:
 
 
 @step
-def _mapped(c: Rows, p: Rows, s: Record, stamp_us: int) -> int:
+def _mapped(c: Rows, p: Rows, s: Record, stamp_us: int) -> tuple[int, int]:
     """A stamp that may count from boot, from 1970 or from anything, on the boot clock.
 
     The base that served this source last, even if the stamp is late; else the first under which it
-    is near the clock; else one learned from this stamp. A stamp that repeats stays where it was: a
-    dead GNSS receiver repeats its last fix.
+    is near the clock; else one learned from this stamp, unless the stamp may follow a gap. A stamp
+    that repeats stays where it was: a dead GNSS receiver repeats its last fix.
     """
     if s.repeat_us == stamp_us:
-        return s.repeat_time_us
-    served, base, time_us = s.base, BY_NOTHING, 0
+        return TICK, s.repeat_time_us
+    served, base, time_us = s.origin, BY_NOTHING, 0
     for i in range(-1, 3):  # the base that served first, then the others
         name = served if i < 0 else i
         if name == BY_NOTHING or (i >= 0 and name == served) or base != BY_NOTHING:
             continue
-        offset_us = 0
-        if name == BY_UNIX:
-            offset_us = c[0].unix_us
-        elif name == BY_OWN:
-            offset_us = s.offset_us
+        offset_us = _offset_us(c, s, name)
         late_us = p[0].late_us if name == served else p[0].reorder_us
         ahead_us = p[0].reorder_us // 2 if name == BY_OWN else p[0].reorder_us
         if offset_us != NONE_US:
@@ -237,13 +236,39 @@ def _mapped(c: Rows, p: Rows, s: Record, stamp_us: int) -> int:
             if c[0].now_us - late_us <= candidate_us <= c[0].boot_us + ahead_us:
                 base, time_us = name, candidate_us
     if base == BY_NOTHING:
+        if _awaits_boot(c, s, stamp_us):
+            return DOUBT, stamp_us
         base, time_us = BY_OWN, c[0].now_us
         s.offset_us, s.seconds = stamp_us - c[0].now_us, 0
-    s.base = base
+    if s.doubt_boot_us != c[0].boot_us:
+        s.doubt_us = NONE_US
+    s.origin = base
     time_us = _corrected(s, time_us, c[0].now_us, c[0].boot_us)
     c[0].now_us = max(c[0].now_us, time_us)
     s.repeat_us, s.repeat_time_us = stamp_us, time_us
-    return time_us
+    return TICK, time_us
+
+
+@step
+def _offset_us(c: Rows, s: Record, base: int) -> int:
+    """What to take from a stamp of this source, under a base."""
+    if base == BY_UNIX:
+        return c[0].unix_us
+    return s.offset_us if base == BY_OWN else 0
+
+
+@step
+def _awaits_boot(c: Rows, s: Record, stamp_us: int) -> bool:
+    """Whether a stamp ahead of the clock, under the base that served, may follow a gap: a stamp
+    from boot is then awaited, for up to a second of the source's own stamps."""
+    if s.origin == BY_NOTHING:
+        return False
+    offset_us = _offset_us(c, s, s.origin)
+    if offset_us == NONE_US or stamp_us - offset_us <= c[0].now_us:
+        return False
+    if s.doubt_us == NONE_US:
+        s.doubt_us, s.doubt_boot_us = stamp_us, c[0].boot_us
+    return c[0].boot_us == s.doubt_boot_us and 0 <= stamp_us - s.doubt_us < ALONE_US
 
 
 @step

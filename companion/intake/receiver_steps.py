@@ -19,6 +19,10 @@ SETTLED_SPREAD_M = 10.0
 WEATHER_M, TEMPERATURE_RATIO = 300.0, 0.1
 """largest difference of barometer and true height: 35 hPa, and a column 10 % too warm or cold"""
 MEETS_MIN = 2
+LEAST_UNDULATION_M = 1.0
+UNKNOWN_SD_M = 10.0
+DOUBTS_MIN = 20
+"""fixes of equal heights before that is told: a simulator tells meanwhile that it is one"""
 WAIT_US = 2_000_000
 LEAST_PA = 100.0
 NOTHING, ZEROS, UNIT = 0, 1, 2
@@ -27,6 +31,7 @@ NOTHING, ZEROS, UNIT = 0, 1, 2
 RECEIVER = np.dtype(
     [
         ("doubt_m", "f8"),  # largest common error of the heights
+        ("doubts", "i8"),  # number of heights in doubt
         ("told", "i8"),  # sum of 2 ** (what was told)
         ("zeros", "i8"),
         ("scaled", "i8"),
@@ -87,6 +92,16 @@ def check_height(r: Rows, row: Rows, baro_m: float) -> int:
     if r[0].scaled >= MEETS_MIN:
         row[0].altitude_amsl_m = math.nan
     return told
+
+
+@step
+def doubt(r: Rows, row: Rows, above_m: float) -> None:
+    """Widen a height that may be the ellipsoid's, which lies `above_m` beside sea level."""
+    r[0].doubts += 1
+    r[0].doubt_m = abs(above_m)
+    sd_m = gnss_sd_m(row, 0.0, UNKNOWN_SD_M)
+    row[0].vertical_sd_m = math.sqrt(sd_m * sd_m + above_m * above_m)
+    row[0].datum_sd_m = abs(above_m)
 
 
 @step

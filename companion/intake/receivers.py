@@ -14,23 +14,17 @@ no accuracy reported       no height until it moved as the barometer for 5 s, wi
 """
 
 import logging
-import math
 
 from companion.intake import receiver_steps as steps
 from companion.intake.geoid import undulation_m
 from companion.intake.receiver_steps import NONE_US, RECEIVER
 from companion.intake.settings import IntakeSettings
 from companion.intake.simulation import Simulation
-from companion.kernels.gnss import gnss_sd_m
 from companion.samples import Rows, rows
 
 logger = logging.getLogger("kollsman.intake")
 
-LEAST_UNDULATION_M = 1.0
-UNKNOWN_SD_M = 10.0
 EQUAL = "gives one "
-DOUBTS_MIN = 20
-"""fixes of equal heights before that is told: a simulator tells meanwhile that it is one"""
 
 
 class Receiver:
@@ -39,7 +33,6 @@ class Receiver:
     def __init__(self, instance: int, settings: IntakeSettings, simulation: Simulation) -> None:
         self._equal_heights = settings.equal_heights
         self._simulation = simulation
-        self._doubts = 0
         self._name = f"GNSS receiver {instance + 1}"
         self.state: Rows = rows(RECEIVER)
         self.state["apart_us"], self.state["doubt_m"] = NONE_US, 0.0
@@ -80,7 +73,7 @@ class Receiver:
         if self._simulation.is_flat:
             return
         above_m = undulation_m(float(value["latitude_deg"]), float(value["longitude_deg"]))
-        if not abs(above_m) >= LEAST_UNDULATION_M:
+        if not abs(above_m) >= steps.LEAST_UNDULATION_M:
             return
         text = f"{EQUAL}height for sea level and ellipsoid, {above_m:.0f} m apart here: "
         if self._equal_heights == "ellipsoid":
@@ -88,15 +81,12 @@ class Receiver:
             row["altitude_amsl_m"] = value["altitude_ellipsoid_m"] - above_m
             return
         self._simulation.equal_heights(float(value["altitude_amsl_m"]), above_m)
-        self._doubts += 1
-        if self._doubts == DOUBTS_MIN:
+        steps.doubt(self.state, row, above_m)
+        if self.state["doubts"][0] == steps.DOUBTS_MIN:
             self._tell(
                 text + "in doubt by as much, set intake.equal_heights "
                 "(sea_level: a simulation without a geoid)"
             )
-        self.state["doubt_m"] = abs(above_m)
-        sd_m = float(gnss_sd_m(row, 0.0, UNKNOWN_SD_M))
-        row["vertical_sd_m"], row["datum_sd_m"] = math.hypot(sd_m, above_m), abs(above_m)
 
     def _tell(self, text: str) -> None:
         start = text[: len(EQUAL)]  # heights and ratios in the rest vary

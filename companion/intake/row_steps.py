@@ -9,7 +9,16 @@ LARGEST_DOUBT_M = 30.0
 """Largest common error of the fixes that may be published: estimators assume that errors average
 out."""
 INTAKE = np.dtype([("air_us", "i8")], align=True)
-INTAKE_PARAMS = np.dtype([("latency_us", "i8"), ("air_excess_k", "f8")], align=True)
+INTAKE_PARAMS = np.dtype(
+    [
+        ("latency_us", "i8"),
+        ("air_excess_k", "f8"),
+        ("equal_heights", "i8"),  # what a fix with equal heights is: one of the following
+    ],
+    align=True,
+)
+RIGHT, UNSETTLED, DOUBTED = 0, 1, 2
+"""sea level's height, for the pipeline to find out, in doubt"""
 
 
 @step

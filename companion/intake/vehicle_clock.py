@@ -35,7 +35,7 @@ class VehicleClock:
     heard, or another session when the recorder's clock says that hours passed; backwards by more
     than `late_s` it is a reboot. Less is a late copy over a second path: it keeps its time. Only
     stamps that surely count from boot move the clock; the others may run ahead of them, but not
-    away. A stamp of 0, or in the wrong unit, is none.
+    away: after a gap they wait up to a second for one. A stamp of 0, or in the wrong unit, is none.
     """
 
     def __init__(self, settings: IntakeSettings) -> None:

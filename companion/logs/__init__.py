@@ -1,10 +1,13 @@
 """Logs: reading and writing. A new format is one file and one line in `FORMATS`."""
 
+import contextlib
+import stat
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import NamedTuple, Protocol, Self
 
+from companion.errors import LogFormatError
 from companion.logs import dataflash, raw, ulog
 from companion.logs.dataflash import BinReader, TextReader
 from companion.logs.raw import RawReader
@@ -100,6 +103,12 @@ def open_log(path: str | Path) -> LogReader:
     Raises `LogFormatError` when it cannot be read or is of no known format.
     """
     path = Path(path)
+    with contextlib.suppress(OSError):  # the reader says what is wrong with the file
+        mode = path.stat().st_mode
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+            raise LogFormatError(
+                f"{path}: is a pipe or a device; a log is read more than once: copy it to a file"
+            )
     return _format_of(path).reader(path)
 
 

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pymavlink.DFReader import FORMAT_TO_STRUCT
 
 from companion.errors import LogFormatError
 from companion.logs.ardupilot import Columns, tables_of
@@ -24,6 +23,14 @@ from companion.mavlink.record_scan import gather
 logger = logging.getLogger("kollsman.logs")
 
 MAGIC = b"\xa3\x95"
+CODES = {letter: letter for letter in "bBhHiIfdqQ"} | {
+    "M": "b", "g": "e", "n": "4s", "N": "16s", "Z": "64s", "c": "h", "C": "H", "e": "i", "E": "I",
+    "L": "i",
+}  # fmt: skip
+"""`struct` code of a format letter of ArduPilot's log messages (libraries/AP_Logger/README.md); "a"
+is 32 of "h" """
+SCALES = {"c": 0.01, "C": 0.01, "e": 0.01, "E": 0.01, "L": 1e-7}
+"""unit of an integer"""
 TEXT_MAGIC = b"FMT,"
 HEADER = 3
 INDEX_ROWS = 1 << 18
@@ -112,8 +119,8 @@ def _dtype(letters: str, labels: list[str]) -> np.dtype[Any] | None:
     for letter, label in zip(letters, labels, strict=True):
         if letter == "a":
             fields.append((label, "<i2", (32,)))
-        elif letter in FORMAT_TO_STRUCT:
-            code = FORMAT_TO_STRUCT[letter][0]
+        elif letter in CODES:
+            code = CODES[letter]
             fields.append((label, f"S{code[:-1]}" if code.endswith("s") else np.dtype(f"<{code}")))
         else:
             return None
@@ -122,9 +129,7 @@ def _dtype(letters: str, labels: list[str]) -> np.dtype[Any] | None:
 
 def _scaled(rows: NDArray[Any], letters: str, labels: list[str]) -> dict[str, NDArray[Any]]:
     """Columns in their units; texts as they are."""
-    scales = {
-        label: FORMAT_TO_STRUCT[letter][1] for letter, label in zip(letters, labels, strict=True)
-    }
+    scales = {label: SCALES.get(letter) for letter, label in zip(letters, labels, strict=True)}
     return {
         label: rows[label] * scale if scale is not None else rows[label]
         for label, scale in scales.items()

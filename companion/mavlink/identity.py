@@ -25,6 +25,7 @@ logger = logging.getLogger("kollsman.identity")
 OUR_COMPONENT_ID = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER  # 191
 OUR_COMPONENT_IDS = range(191, 195)
 AUTOPILOT_COMPONENT_ID = mavlink.MAV_COMP_ID_AUTOPILOT1  # 1
+RADIO_COMPONENT_ID = mavlink.MAV_COMP_ID_TELEMETRY_RADIO  # 68
 SIGNING_TIMEOUT_US = 10_000_000
 """time without a signed frame after which the vehicle may have been set up without signing"""
 SETTLE_US = 3_000_000
@@ -35,6 +36,7 @@ CHANGES = 3
 """heartbeats in a row that name another autopilot before it is accepted"""
 MOST_REMEMBERED = 64
 MOST_NOTES = 20
+MOST_NAMED = 4
 
 VEHICLE_TYPES = frozenset(
     getattr(mavlink, f"MAV_TYPE_{name}")
@@ -109,6 +111,8 @@ class Identity:
         self.refusal = ""
         """why no vehicle is followed; empty while one is, or none was heard"""
         self._other_system_id = other_system_id
+        self._strangers_us: dict[tuple[int, int], int] = {}
+        """when each other sender was last heard"""
         self._wanted = system_id
         self._wanted_component = vehicle_component_id
         self._own_system_id = own_system_id
@@ -150,7 +154,7 @@ class Identity:
         if self.vehicle is None:
             return Origin.EARLY
         if speaker != self.vehicle:
-            self._note_stranger(speaker)
+            self._note_stranger(speaker, arrival_us)
             return Origin.STRANGER
         if frame.signed:
             self._signed_us = arrival_us
@@ -164,9 +168,10 @@ class Identity:
         self.version = max(self.version, frame.version)
         return Origin.VEHICLE
 
-    def _note_stranger(self, speaker: tuple[int, int]) -> None:
+    def _note_stranger(self, speaker: tuple[int, int], arrival_us: int) -> None:
         if speaker in self.strangers or len(self.strangers) < MOST_REMEMBERED:
             self.strangers[speaker] += 1
+            self._strangers_us[speaker] = arrival_us
 
     def took(self, count: int, version: int, arrival_us: int, *, told_again: bool) -> None:
         """Count frames of the vehicle, unsigned and from where it was heard before; `told_again` is
@@ -176,10 +181,10 @@ class Identity:
         if told_again:
             self._changes = 0
 
-    def stranger(self, speaker: tuple[int, int]) -> None:
+    def stranger(self, speaker: tuple[int, int], arrival_us: int) -> None:
         """Count a frame of another sender."""
         self.counters[Origin.STRANGER] += 1
-        self._note_stranger(speaker)
+        self._note_stranger(speaker, arrival_us)
 
     def station(self, speaker: tuple[int, int], arrival_us: int) -> None:
         """A HEARTBEAT of a ground station."""
@@ -238,14 +243,20 @@ class Identity:
         self._firm = self._firm or kind in (Kind.PRESSURE, Kind.GNSS)
 
     def others(self, since_us: int) -> list[str]:
-        """The autopilots and ground stations besides the vehicle that were heard after
-        `since_us`."""
-        pilots = {ids: heard.last_us for ids, heard in self._autopilots.items()}
-        return [
-            f"{'autopilot ' if ids in pilots else ''}{ids[0]}/{ids[1]}"
-            for ids, last_us in (pilots | self.stations).items()
+        """The senders besides the vehicle that were heard after `since_us`; a few of them are
+        named."""
+        heard = [
+            f"{self._role(ids)}{_ids(ids)}"
+            for ids, last_us in self._strangers_us.items()
             if ids != self.vehicle and last_us > since_us
         ]
+        more = len(heard) - MOST_NAMED
+        return heard if more <= 0 else [*heard[:MOST_NAMED], f"{more} more"]
+
+    def _role(self, speaker: tuple[int, int]) -> str:
+        if speaker in self._autopilots:
+            return "autopilot "
+        return "radio " if speaker[1] == RADIO_COMPONENT_ID else ""
 
     def yield_ids(self, may_move: bool) -> str:
         """Another program uses our ids: take the next free component id where we may. A line that

@@ -2,6 +2,7 @@
 messages at once, with the same values bit for bit (tests/unit/companion/mavlink hold this)."""
 
 import math
+from collections import namedtuple
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -294,6 +295,26 @@ def _imu_temperature(columns: Columns) -> list[Readings]:
     ]
 
 
+def _one_by_one(kind: Kind, base: TimeBase, make: Callable[[Any], convert.Readings]) -> Converter:
+    """The converter of a kind that is converted one message at a time: it is rare, or needs
+    functions that NumPy rounds in its own way."""
+
+    def converter(columns: Columns) -> list[Readings]:
+        light = namedtuple("light", columns.dtype.names or ())  # type: ignore[misc]
+        found = [make(light(*values)) for values in columns.tolist()]
+        where = np.array([len(each) == 1 for each in found], bool)
+        readings = [each for one in found for each in one]
+        samples = rows(DTYPES[kind], len(readings))
+        for sample, reading in zip(samples, readings, strict=True):
+            values = (0, 0, reading.instance, *reading.values)
+            for name, value in zip(DTYPES[kind].names or (), values, strict=True):
+                sample[name] = value
+        stamps = np.array([reading.stamp_us for reading in readings], np.int64)
+        return [Readings(kind, base, np.flatnonzero(where), stamps, samples)]
+
+    return converter
+
+
 THERMOMETERS: dict[str, dict[int, Converter]] = {
     "hygrometer": {mavlink.MAVLINK_MSG_ID_HYGROMETER_SENSOR: _hygrometer},
     "airspeed": {mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: _airspeed_temperature},
@@ -313,10 +334,16 @@ CONVERTERS: dict[int, Converter] = {
     mavlink.MAVLINK_MSG_ID_SCALED_IMU3: lambda columns: _imu_milli_g(columns, 2),
     mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: _highres_imu,
     mavlink.MAVLINK_MSG_ID_ATTITUDE: _attitude,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: _one_by_one(
+        Kind.ATTITUDE, TimeBase.BOOT, convert.attitude_quaternion
+    ),
+    mavlink.MAVLINK_MSG_ID_HOME_POSITION: _one_by_one(
+        Kind.HOME, TimeBase.NONE, convert.home_position
+    ),
     mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR: _distance_sensor,
     mavlink.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
     mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: _extended_sys_state,
     mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: _system_time,
     mavlink.MAVLINK_MSG_ID_VFR_HUD: _vfr_hud,
 }
-"""The kinds of `convert.CONVERTERS` whose fields are single numbers."""
+"""As `convert.CONVERTERS`."""

@@ -9,6 +9,7 @@ FRUITLESS = 3
 WINDOW_US = 1_000_000
 WINDOW_MESSAGES = 5
 RETRY_US = 10_000_000
+BUSY_US = 3_000_000
 
 
 class Asked(Enum):
@@ -43,7 +44,7 @@ class Watch:
         self.due_us = 0
         self.good = False
         self.fruitless = 0
-        self.retry_us = RETRY_US
+        self.retry_us, self.busy_us = RETRY_US, BUSY_US
         self._begin: tuple[int, int, int] | None = None
 
     def settle(self, settled_us: int) -> None:

@@ -8,7 +8,8 @@ simulation at twenty times real time counts the same. What happens next:
 a rate falls short             requested again at once
 it stays short three times     accepted and reported; requested again after 10 s, after a minute
                                where something arrives, then ever less often
-DENIED                         requested at 40, 25, 10 Hz (a 50 Hz ArduPlane grants at most 40 Hz)
+DENIED, FAILED                 requested at 40, 25, 10 Hz (a 50 Hz ArduPlane grants at most 40 Hz)
+TEMPORARILY_REJECTED           requested again after 3 s, then ever less often
 unsupported or no answer       REQUEST_DATA_STREAM, where the vehicle does not save it
 lowered again and again        reported with the ids of who does it; we pause for 30 s, then longer
 reboot, reconnect, new peer    everything is requested anew
@@ -32,7 +33,7 @@ RESULTS: dict[int, str] = {
     key: value.name[len("MAV_RESULT_") :] for key, value in mavlink.enums["MAV_RESULT"].items()
 }
 DENIED_HZ = (40.0, 25.0, 10.0)
-"""rates requested after a DENIED"""
+"""rates requested after a refusal"""
 ACK_TIMEOUT_US = 1_000_000
 ATTEMPTS = 3
 SHORT_RATIO = 0.6
@@ -139,27 +140,14 @@ class StreamSupervisor:
         self._ignored = False
         if message.result == mavlink.MAV_RESULT_ACCEPTED:
             self._answered(watch, now_us)
-        elif message.result == mavlink.MAV_RESULT_DENIED:
-            lower_hz = next((rate_hz for rate_hz in DENIED_HZ if rate_hz < watch.asked_hz), 0.0)
-            if lower_hz:
-                logger.info(
-                    "%s: %g Hz denied, requesting %g Hz",
-                    watch.stream.name,
-                    watch.asked_hz,
-                    lower_hz,
-                )
-                watch.asked_hz = watch.ceiling_hz = lower_hz
-                self._waiting = None
-            else:
-                self._refused(watch, "DENIED", now_us)
         elif message.result == mavlink.MAV_RESULT_UNSUPPORTED:
             self._refused(watch, "UNSUPPORTED", now_us)
             self._try_groups()
-        elif message.result not in (
-            mavlink.MAV_RESULT_TEMPORARILY_REJECTED,  # requested again when the answer is overdue
-            mavlink.MAV_RESULT_IN_PROGRESS,
-        ):
-            self._refused(watch, RESULTS.get(message.result, str(message.result)), now_us)
+        elif message.result == mavlink.MAV_RESULT_TEMPORARILY_REJECTED:
+            watch.due_us, self._waiting = now_us + watch.busy_us, None
+            watch.busy_us = min(2 * watch.busy_us, LONGEST_RETRY_US)
+        elif message.result != mavlink.MAV_RESULT_IN_PROGRESS:  # the answer is still to come
+            self._denied(watch, RESULTS.get(message.result, str(message.result)), now_us)
 
     def restore(self) -> list[Message]:
         """What undoes our requests: every interval back to the vehicle's default, every group to
@@ -284,6 +272,17 @@ class StreamSupervisor:
                 "REQUEST_DATA_STREAM, which ArduPlane saves to its SRn_ parameters"
             )
         self._by_groups = self._may_group
+
+    def _denied(self, watch: Watch, result: str, now_us: int) -> None:
+        """Another rate may be granted: request the next lower one, if there is one."""
+        lower_hz = next((rate_hz for rate_hz in DENIED_HZ if rate_hz < watch.asked_hz), 0.0)
+        if not lower_hz:
+            self._refused(watch, result, now_us)
+            return
+        name, asked_hz = watch.stream.name, watch.asked_hz
+        logger.info("%s: %g Hz %s, requesting %g Hz", name, asked_hz, result, lower_hz)
+        watch.asked_hz = watch.ceiling_hz = lower_hz
+        self._waiting = None
 
     def _refused(self, watch: Watch, result: str, now_us: int) -> None:
         watch.result, watch.changed = result, False

@@ -16,14 +16,17 @@ from companion.checker import ELLIPSOID, asks_restart, objection
 from companion.health_steps import LOST, OF_HOST, alive, assess, heard, is_due, lose, silence
 from companion.intake.clock_steps import DOUBT, REBOOT, note_unix, place
 from companion.intake.receiver_steps import (
+    DOUBTS_MIN,
+    LEAST_UNDULATION_M,
     check_height,
     check_unreported,
+    doubt,
     fix_works,
     is_height,
     number,
     pressure_works,
 )
-from companion.intake.row_steps import LARGEST_DOUBT_M, air_time
+from companion.intake.row_steps import LARGEST_DOUBT_M, RIGHT, UNSETTLED, air_time
 from companion.intake.screen_steps import baro_m, judge_fix, judge_pressure
 from companion.jit import step
 from companion.mavlink import altitude_steps
@@ -62,7 +65,7 @@ READING = np.dtype(
         ("frame", "i8"),
         ("kind", "i8"),
         ("row", "i8"),  # in the table of its kind
-        ("base", "i8"),
+        ("origin", "i8"),
         ("stamp_us", "i8"),
         ("source", "i8"),  # message
         ("instance", "i8"),
@@ -74,6 +77,7 @@ READING = np.dtype(
         ("now_us", "i8"),  # the vehicle's clock after it
         ("unix_us", "i8"),
         ("doubt_m", "f8"),
+        ("above_m", "f8"),  # undulation of the geoid, of a fix with equal heights
     ],
     align=True,
 )
@@ -130,7 +134,7 @@ def take_in(
         for r in range(frame.first, frame.first + frame.count):
             reading = readings[r]
             effect, time_us = place(
-                s.clock, s.clock_params, reading.base, reading.stamp_us, reading.source,
+                s.clock, s.clock_params, reading.origin, reading.stamp_us, reading.source,
                 frame.arrival_us,
             )  # fmt: skip
             if effect == REBOOT or s.clock[0].wrong_units != wrong:
@@ -185,7 +189,7 @@ def _fill(reading: Rows, tables: Tables, s: Intaking, time_us: int) -> bool:
     elif kind == GNSS:
         fix = tables.gnss[row : row + 1]
         fix[0].time_us = time_us - s.row_params[0].latency_us
-        if _check_fix(fix, s):
+        if _check_fix(fix, s, reading[0].above_m):
             return True
         reading[0].time_us, reading[0].number = fix[0].time_us, fix[0].instance
         judge_fix(s.screen, s.screen_params, fix)
@@ -207,14 +211,19 @@ def _fill(reading: Rows, tables: Tables, s: Intaking, time_us: int) -> bool:
 
 
 @step
-def _check_fix(fix: Rows, s: Intaking) -> bool:
-    """Check a fix, and number its receiver; True when that needs the pipeline."""
+def _check_fix(fix: Rows, s: Intaking, above_m: float) -> bool:
+    """Check a fix, and number its receiver; True when that needs the pipeline. `above_m` is the
+    undulation of the geoid there."""
     if is_height(fix):
-        if fix[0].altitude_amsl_m == fix[0].altitude_ellipsoid_m:
-            return True  # the geoid is not compiled
         receiver, height_m = s.receivers[fix[0].instance], baro_m(s.screen, fix[0].time_us)
         if check_height(receiver, fix, height_m) != 0:
             return True
+        meaning = s.row_params[0].equal_heights
+        if meaning != RIGHT and fix[0].altitude_amsl_m == fix[0].altitude_ellipsoid_m:
+            if meaning == UNSETTLED or receiver[0].doubts == DOUBTS_MIN - 1:
+                return True
+            if abs(above_m) >= LEAST_UNDULATION_M:
+                doubt(receiver, fix, above_m)
         check_unreported(receiver, fix, height_m)
     return number(s.primaries[1], fix, fix_works(fix))
 
@@ -241,7 +250,7 @@ def follow(
     for f in range(start, stop):
         frame = frames[f]
         if frame.is_vehicle:
-            alive(s.health, frame.arrival_us)
+            alive(s.health, s.health_params, frame.arrival_us)
         if frame.what == OWN_HEIGHT:
             s.outputs[0].own_us, s.outputs[0].own_amsl_m = frame.a_us, frame.altitude_m
             s.outputs[0].own_home_m = frame.above_home_m
@@ -267,7 +276,7 @@ def follow(
         if lost == 1 and (s.health[0].reason != OF_HOST or s.health[0].detail != 1):
             return f, published
         if lost:
-            lose(s.health, lost)
+            lose(s.health, s.health_params, lost, frame.arrival_us)
     return stop, published
 
 

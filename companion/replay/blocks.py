@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.intake import SampleReject
+from companion.intake.receiver_steps import LEAST_UNDULATION_M
+from companion.intake.row_steps import DOUBTED, RIGHT, UNSETTLED
 from companion.logs.tlog import Batch
 from companion.mavlink.altitude_steps import ALTITUDE
 from companion.mavlink.codec import Frame, decode, mavlink
@@ -39,7 +41,7 @@ from companion.replay.columns import (
     heights,
     stations,
 )
-from companion.samples import ESTIMATE, Kind, Rows, Verdict, readable, rows
+from companion.samples import ESTIMATE, Kind, Rows, Tables, Verdict, readable, rows
 
 SMALLEST, LARGEST = 64, 1 << 14
 """frames of a piece: fewer where many are left to the pipeline"""
@@ -88,7 +90,7 @@ class BlockRunner:
 
     def compile(self) -> None:
         """Compile the loops, by an empty block."""
-        speaker = Speaker((1, 1), (1, 191), 0, 0, None, frozenset(), frozenset(), "none", 0)
+        speaker = Speaker((1, 1), (1, 191), 0, 0, None, frozenset(), frozenset(), "none", 0, 0)
         self._loops(arrays_of(np.zeros(0, np.uint8), rows(INDEX, 0), speaker), 0, 0)
 
     def run(self, batch: Batch, observer: Callable[[], BlockObserver]) -> None:
@@ -141,9 +143,18 @@ class BlockRunner:
             pipeline.wanted - ({SIMSTATE} if simulation.is_flat else set()),
             frozenset(pipeline.listeners) | (TRUTHS.keys() if simulation.in_question else set()),
             pipeline.settings.intake.air_temperature,
+            self._equal_heights(),
             session,
             self._beat,
         )
+
+    def _equal_heights(self) -> int:
+        """What a fix with equal heights above sea level and ellipsoid is now."""
+        simulation = self.pipeline.intake.simulation
+        meaning = self.pipeline.settings.intake.equal_heights
+        if simulation.is_flat or meaning == "sea_level":
+            return RIGHT
+        return DOUBTED if meaning == "doubt" and simulation.in_question else UNSETTLED
 
     def _stop(self, arrays: Arrays, at: int) -> int:
         """The end of the piece that begins at `at`."""
@@ -245,6 +256,7 @@ class BlockRunner:
         """The compiled loops over ``frames[start:stop]``."""
         frames, readings, tables = arrays.frames, arrays.readings, arrays.tables
         self._counts[:] = 0
+        self.pipeline.intake.params["equal_heights"] = self._equal_heights()
         stop, count = take_in(frames, readings, tables, self._intaking(), start, stop, 0)
         verdicts = np.full(count, Verdict.IGNORED, np.int64)
         health = np.zeros(count, np.int64)
@@ -279,6 +291,8 @@ class BlockRunner:
                 pipeline.intake.counters[cause] += number
         if pipeline.estimates:
             pipeline.filter.estimate[:] = piece.estimates[piece.size :]
+        if pipeline.intake.params["equal_heights"][0] == DOUBTED:
+            self._note_doubt(readings, arrays.tables)
         if pipeline.health.is_vehicle_silent:  # who else is heard at the end of the piece
             self.flush()
             pipeline.age(int(last["arrival_us"]))
@@ -297,6 +311,17 @@ class BlockRunner:
                 piece.published,
             )
         )
+
+    def _note_doubt(self, readings: Rows, tables: Tables) -> None:
+        """The last fix with equal heights, for the vehicle's truth to meet."""
+        equal = readings[np.isfinite(np.asarray(readings["above_m"])) & (readings["place"] >= 0)]
+        equal = equal[np.abs(equal["above_m"]) >= LEAST_UNDULATION_M]
+        fixes = tables.gnss[equal["row"]]
+        doubted = np.flatnonzero(np.isfinite(np.asarray(fixes["datum_sd_m"])))
+        if doubted.size:
+            fix, above_m = fixes[doubted[-1]], float(equal["above_m"][doubted[-1]])
+            height_m = float(fix["altitude_ellipsoid_m"])
+            self.pipeline.intake.simulation.equal_heights(height_m, above_m)
 
     def flush(self) -> None:
         """Count the frames that were taken since the last time, by sender and kind."""
@@ -328,6 +353,6 @@ class BlockRunner:
             beats = others[others["message_id"] == HEARTBEAT]
             for speaker, time_us in stations(batch.data, beats).items():
                 pipeline.identity.station(speaker, time_us)
-            names = ("system_id", "component_id")
-            for sender in zip(*(others[name].tolist() for name in names), strict=True):
-                pipeline.identity.stranger(sender)
+            columns = (others[name].tolist() for name in ("system_id", "component_id", "time_us"))
+            for system_id, component_id, arrival_us in zip(*columns, strict=True):
+                pipeline.identity.stranger((system_id, component_id), arrival_us)

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.intake.geoid import undulation_m
+from companion.intake.row_steps import DOUBTED
 from companion.intake.vehicle_clock import BASES
 from companion.mavlink import reading_columns
 from companion.mavlink.codec import mavlink
@@ -58,6 +60,8 @@ class Speaker:
     wanted: frozenset[int]
     listened: frozenset[int]
     air_temperature: str
+    equal_heights: int
+    """as `companion.intake.row_steps` has it"""
     session: int
     """changes when the listeners begin anew"""
     beat: Beat | None = field(default=None, compare=False)
@@ -112,7 +116,8 @@ def arrays_of(data: NDArray[np.uint8], index: Rows, speaker: Speaker) -> Arrays:
         _fill_frames(frames, where, table, WHAT.get(message_id, PLAIN))
         found.append((message_id, where, [each for make in converter for each in make(table)]))
     frames["what"][special] = PYTHON
-    return _merged(frames, found, np.flatnonzero(special))
+    doubted = speaker.equal_heights == DOUBTED
+    return _merged(frames, found, np.flatnonzero(special), doubted=doubted)
 
 
 def _sent_by(index: Rows, sender: tuple[int, int]) -> NDArray[np.bool_]:
@@ -185,34 +190,46 @@ def _merged(
     frames: Rows,
     found: list[tuple[int, NDArray[np.int64], list[Readings]]],
     python: NDArray[np.int64],
+    *,
+    doubted: bool,
 ) -> Arrays:
     """The readings of all messages in the order of the frames."""
     parts: list[Rows] = []
     samples: dict[Kind, list[Rows]] = {kind: [] for kind in Kind}
     sizes = dict.fromkeys(Kind, 0)
-    ranks: list[NDArray[np.int64]] = []
     for message_id, where, readings in found:
-        for rank, each in enumerate(readings):
+        for each in readings:
             part = np.zeros(each.messages.size, READING)
+            part["above_m"] = np.nan
             part["frame"], part["kind"] = where[each.messages], each.kind
             part["row"] = sizes[each.kind] + np.arange(part.size)
-            part["base"], part["stamp_us"] = BASES[each.base], each.stamp_us
+            part["origin"], part["stamp_us"] = BASES[each.base], each.stamp_us
             part["source"], part["instance"] = message_id, each.samples["instance"]
             part["rank"] = np.where(part["instance"] == 0, ImuSelector.rank(message_id, 0), -1)
             part["is_highres"] = message_id == HIGHRES_IMU
+            if each.kind == Kind.GNSS and doubted:
+                part["above_m"] = _undulations_m(each.samples)
             each.samples["arrival_us"] = frames["arrival_us"][part["frame"]]
             samples[each.kind].append(each.samples)
             sizes[each.kind] += part.size
             parts.append(part)
-            ranks.append(np.full(part.size, rank))
     all_parts = np.concatenate(parts) if parts else np.zeros(0, READING)
-    within = np.concatenate(ranks) if ranks else np.zeros(0, np.int64)
-    ordered = readable(all_parts[np.lexsort((within, all_parts["frame"]))])
+    in_order = np.argsort(all_parts["frame"], kind="stable")  # of one frame as they are converted
+    ordered = readable(all_parts[in_order])
     counts = np.bincount(np.asarray(ordered["frame"]), minlength=frames.size)
     frames["count"], frames["first"] = counts, np.cumsum(counts) - counts
     tables = _tables(samples, ordered.size)
     untouched = Tables(*(table.copy() for table in tables))
     return Arrays(frames, ordered, tables, untouched, python)
+
+
+def _undulations_m(fixes: Rows) -> NDArray[np.float64]:
+    """Undulation of the geoid at fixes with equal heights, NaN at the others."""
+    found = np.full(fixes.size, np.nan)
+    for i in np.flatnonzero(fixes["altitude_amsl_m"] == fixes["altitude_ellipsoid_m"]).tolist():
+        place = float(fixes["latitude_deg"][i]), float(fixes["longitude_deg"][i])
+        found[i] = undulation_m(*place)
+    return found
 
 
 def _tables(samples: dict[Kind, list[Rows]], size: int) -> Tables:

@@ -1,6 +1,7 @@
 """What a vehicle said in a session beside its sensors: flight modes and texts."""
 
 import itertools
+import os
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
@@ -64,6 +65,7 @@ def _mode(heartbeat: Message) -> tuple[int, int]:
 
 def mode_name(heartbeat: Message) -> str:
     """The flight mode in a HEARTBEAT, such as "AUTO"; empty where it names none."""
+    os.environ.setdefault("MAVLINK_DIALECT", "ardupilotmega")  # the images hold no other
     from pymavlink import mavutil
 
     if not heartbeat.base_mode & mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:

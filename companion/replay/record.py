@@ -185,6 +185,10 @@ class Recording:
         self._chosen[kind] = self._count, rows[chosen]
         return self._chosen[kind][1]
 
+    def release(self) -> None:
+        """Give back the memory of what can be made again from the rows."""
+        self._chosen.clear()
+
     def ticks(self) -> Rows:
         """Rows at which the altitude is judged: the first barometer's, else the receiver's."""
         pressure = self.of(Kind.PRESSURE)

@@ -89,6 +89,7 @@ def replay(
             else reference.smoothed
         )
         summaries.append(summarise(session, number, settings.estimator, settle_s, reference))
+        session.seen.release()
     report = document("replay", str(path), summaries, **_file(reader, started_s))
     return Replayed(sessions, report, smoothed, references)
 

@@ -96,6 +96,12 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
         "stamp_jitter_s": 0.05, "bias_sd_pa": 50.0, "ground_effect_sd": 0.1,
         "ground_effect_height_m": 2.0, "thermal_sd_pa_per_k": 1.6, "warming_time_s": 300.0,
     },
+    # ArduPilot's SITL, defaults of SIM_BARO_* (AP_Baro_SITL.cpp): uniform within 0.2 m (RND), which
+    # is 1.4 Pa, and no other error; the die warms by 20 K in 30 s (SIM_TEMP_BRD_OFF, _TCONST).
+    "ArduPilot SITL": {
+        "white_sd_pa": 1.4, "wander_sd_pa": 0.0, "bias_sd_pa": 0.0, "lag_s": 0.0,
+        "warming_time_s": 30.0,
+    },
 }  # fmt: skip
 LIFT_OFF_PA = 480.0
 """dynamic pressure at 28 m/s, at which a light aircraft's wing carries it"""

@@ -63,6 +63,15 @@ PRESETS: Mapping[str, Mapping[str, Any]] = {
         "first_fix_s": 45.0, "latency_s": 0.25, "latency_jitter_s": 0.05, "accuracy": "stuck",
         "stuck_accuracy_m": 1.2, "satellites": 9, "hdop": 1.1, "vdop": 1.6, "multipath_sd_m": 6.0,
     },
+    # ArduPilot's SITL, defaults of SIM_GPS1_* (SIM_GPS.cpp) and what its u-blox reports: no error
+    # at all (NOISE, VERR, DRFTALT 0), reported accuracy 0.3 m (ACC), 100 ms (LAG_MS), 5 Hz, ten
+    # satellites, an RTK fix, HDOP 1.21, VDOP 2.00, one height for sea level and ellipsoid.
+    "ArduPilot SITL": {
+        "height_white_sd_m": 0.0, "height_wander_sd_m": 0.0, "horizontal_white_sd_m": 0.0,
+        "horizontal_wander_sd_m": 0.0, "velocity_sd_mps": 0.0, "first_fix_s": 1.0,
+        "latency_s": 0.1, "accuracy": "stuck", "stuck_accuracy_m": 0.3, "satellites": 10,
+        "hdop": 1.21, "vdop": 2.0, "fix": 6, "undulation_m": 0.0,
+    },
 }  # fmt: skip
 
 

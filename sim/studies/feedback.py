@@ -1,33 +1,31 @@
 """The study of the feedback: the vehicle flies by its own altitude, with feedback and without.
 
 Each case is flown twice in lockstep, the companion's pipeline on a memory link as `kollsman run`
-would have it. `kollsman-sim feedback` writes the table of errors of the *autopilot's own* altitude,
-and a figure of each case.
+would have it. On the flight without feedback, two simple corrections are computed from what the
+same link carried. `kollsman-sim feedback` writes the tables of errors of the *autopilot's own*
+altitude, and a figure of each case.
 """
 
 import math
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Literal
 
 from companion.clock import ManualClock
 from companion.errors import SimulationError
 from companion.feedback import Feedback, FeedbackSettings, Mark
 from companion.jobs import Row, results
 from companion.links.memory import pair
+from companion.mavlink.codec import Decoder, Encoder, mavlink
 from companion.pipeline import Pipeline
-from companion.plots.drawing import figure, legend_outside, write_png
-from companion.plots.style import FUSED, INERTIAL, OTHER, TRUTH
 from companion.samples import Packet
 from companion.settings import CompanionSettings
 from sim import BOOT_UNIX_US
 from sim.flight import Flight
 from sim.scenario import Scenario, load_scenario
-from sim.studies.page import markdown_table
+from sim.studies.feedback_page import draw, page_of, slug
 from sim.studies.runs import run
 
 DRIFT_M_PER_PA = 1.0 / 11.3
@@ -42,7 +40,11 @@ HOLDS = (
     "low-level-qnh-drift",
     "metar-day",
 )
-GOALS = {"amsl_rmse_m": 1.9, "amsl_max_m": 3.5, "relative_rmse_m": 2.0, "relative_max_m": 4.5}
+Mode = Literal["none", "baro-alt-offset"]
+SITL = "ArduPilot SITL"
+"""preset of barometer and receiver; its simulation tells its true state"""
+SECOND_PA = 40.0
+"""error of a second barometer"""
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,15 @@ class Case:
     """the autopilot restarts"""
     hold_of: str = ""
     """weather of a scenario, instead of the drift"""
+    receiver: str = SITL
+    """preset of receiver and barometer; empty: the simulator's defaults, a receiver that wanders by
+    3 m and reports 4.2 m, or those of the scenario"""
+    second_barometer: bool = False
+    """a second one is heard (SCALED_PRESSURE2), which has no fault"""
+
+    @property
+    def title(self) -> str:
+        return f"{self.name}, {'as SITL' if self.receiver else 'wandering receiver'}"
 
     def scenario(self) -> Scenario:
         """The flight: a hold at 600 m, or 500 m above the field in a scenario's weather."""
@@ -75,6 +86,7 @@ class Case:
                     "sea_level_hpa": last["sea_level_hpa"] - fall_hpa,
                 }
             )
+        sensors = {name: {"preset": self.receiver} for name in ("gnss", "barometer")}
         return Scenario.model_validate(
             {
                 "name": "feedback",
@@ -82,7 +94,8 @@ class Case:
                 "flown_by": "estimate",
                 "endless_fuel": True,
                 "weather": {"pressure": pressure if self.drift else []},
-                "streams_hz": RATES_HZ,
+                "sensors": sensors if self.receiver else {},
+                "streams_hz": RATES_HZ | ({"SIM_STATE": 1.0} if self.receiver else {}),
                 "faults": self.faults,
                 "profile": self._profile(600.0),
             }
@@ -115,22 +128,32 @@ def _fault(name: str, duration_s: float, **values: float | str) -> tuple[Mapping
 
 
 RISE = ((0.05, 600.0),)
-CASES = (
+DRIFTS = (
     Case("drift +.05 m/s", RISE),
     Case("drift -.05 m/s", ((-0.05, 600.0),)),
     Case("drift +.12, then -.2 m/s", ((0.12, 300.0), (-0.2, 300.0))),
     Case("calm"),
+)
+FAULTS = (
     Case(
         "GNSS +60 m for 180 s",
         RISE,
         faults=_fault("step", 180.0, quantity="gnss_height", size=60.0),
     ),
     Case("GNSS off for 90 s", RISE, faults=_fault("outage", 90.0)),
-    Case("telemetry's barometer frozen for 120 s", RISE, faults=_fault("freeze", 120.0)),
+    Case(
+        "one of two barometers frozen for 120 s",
+        RISE,
+        faults=_fault("freeze", 120.0),
+        second_barometer=True,
+    ),
     Case("companion killed", RISE, kill_s=420.0),
     Case("autopilot restarts", RISE, faults=_fault("reboot", 3.0), reboot_s=390.0),
 )
-HOURS = tuple(Case(f"an hour of {name}", duration_s=3600.0, hold_of=name) for name in HOLDS)
+CASES = (*DRIFTS, *FAULTS, *(replace(case, receiver="") for case in (*DRIFTS, *FAULTS[:3])))
+HOURS = tuple(
+    Case(f"an hour of {name}", duration_s=3600.0, hold_of=name, receiver="") for name in HOLDS
+)
 
 
 @dataclass(frozen=True)
@@ -142,81 +165,96 @@ class Job:
     seed: int = 1
 
 
+class Heard:
+    """What a companion hears of the link that a simple correction would use: the raw fix."""
+
+    def __init__(self) -> None:
+        self.gnss_m = math.nan
+        self._decoder = Decoder()
+
+    def feed(self, data: bytes) -> None:
+        for frame in self._decoder.feed(data):
+            if frame.message_id == mavlink.MAVLINK_MSG_ID_GPS_RAW_INT:
+                message = self._decoder.decode(frame)
+                if message is not None and message.fix_type >= 3:
+                    self.gnss_m = message.alt * 1e-3
+
+
 def fly(job: Job) -> list[Row]:
     """Fly it: a row a second with the time, the true altitude and height above home, the
-    autopilot's own, and the correction."""
+    autopilot's own, the raw fix, ours, and the correction."""
     case = job.case
     near, far = pair(ManualClock())
     flight = Flight(case.scenario(), links=[near], all_streams=True, seed=job.seed)
     marks: list[Mark | None] = [None]
+    mode: Mode = "baro-alt-offset" if job.feedback else "none"
     rows: list[Row] = []
-    pipeline = _start(marks) if job.feedback else None
-    rebooted = False
-    home: tuple[float, float] | None = None
+    pipeline: Pipeline | None = _start(marks, mode)
+    heard, second = Heard(), Encoder(1, 1)
+    boots, home = 0, (math.nan, math.nan)
     while not flight.profile.done:
         flight.tick()
         time_s = flight.time_us * 1e-6
-        if time_s >= case.reboot_s and not rebooted:
-            rebooted, home = True, None
+        if time_s >= case.reboot_s and not boots:
+            boots, home = 1, (math.nan, math.nan)
             flight.vehicle.reboot()
         if pipeline is not None and 0.0 <= time_s - case.kill_s < 5.0:
             pipeline = None
-        elif pipeline is None and job.feedback and time_s >= case.kill_s + 5.0:
-            pipeline = _start(marks)
+        elif pipeline is None and time_s >= case.kill_s + 5.0:
+            pipeline = _start(marks, mode)
+        packets = []
         while data := far.receive(0.0):
-            frames = pipeline.feed(Packet(BOOT_UNIX_US + flight.time_us, data)) if pipeline else []
-            for frame in frames:
+            heard.feed(data)
+            packets.append(Packet(BOOT_UNIX_US + flight.time_us, data))
+        if case.second_barometer and not flight.time_us % 200_000:
+            packets.append(_second_pressure(flight, second))
+        for packet in packets:
+            for frame in pipeline.feed(packet) if pipeline else ():
                 far.send(frame)
         state = flight.vehicle.state
         if flight.time_us % 1_000_000 or state.truth is None or state.position is None:
             continue
         true_m, own_m = state.truth.altitude_amsl_m, state.position.altitude_amsl_m
-        home = home or (true_m, own_m)
-        raised_m = flight.vehicle.flavour.raised_m(state.parameters, 101_325.0)
-        rows.append(
-            {
-                "time_s": time_s,
-                "true_m": true_m,
-                "own_m": own_m,
-                "relative_error_m": own_m - home[1] - true_m + home[0],
-                "raised_m": raised_m,
-            }
-        )
+        home = home if math.isfinite(home[0]) else (true_m, own_m)
+        found = {"time_s": time_s, "boots": boots, "true_m": true_m, "own_m": own_m}
+        found["relative_error_m"] = own_m - home[1] - true_m + home[0]
+        found["gnss_m"] = heard.gnss_m
+        rows.append(found | _written(flight, pipeline))
     near.close()
     far.close()
     return rows
 
 
-def _start(marks: list[Mark | None]) -> Pipeline:
+def _written(flight: Flight, pipeline: Pipeline | None) -> Row:
+    """Our altitude, the correction, and the number of writes."""
+    values = flight.vehicle.state.parameters
+    return {
+        "raised_m": flight.vehicle.flavour.raised_m(values, 101_325.0),
+        "ours_m": float(pipeline.filter.estimate[0]["altitude_amsl_m"]) if pipeline else math.nan,
+        "writes": pipeline.feedback.writes if pipeline else 0,
+    }
+
+
+def _second_pressure(flight: Flight, sender: Encoder) -> Packet:
+    """SCALED_PRESSURE2 of a second barometer on the same port."""
+    sample = flight.vehicle.state.pressure
+    pressure_hpa = (sample.pressure_pa + SECOND_PA) * 0.01 if sample else math.nan
+    message = mavlink.MAVLink_scaled_pressure2_message(
+        flight.time_us // 1000, pressure_hpa, 0.0, 3000
+    )
+    return Packet(BOOT_UNIX_US + flight.time_us, sender.encode(message))
+
+
+def _start(marks: list[Mark | None], mode: Mode) -> Pipeline:
     """Start a companion that keeps its mark in `marks`."""
 
     def keep(mark: Mark | None) -> bool:
         marks[0] = mark
         return True
 
-    settings = CompanionSettings(feedback=FeedbackSettings(mode="baro-alt-offset"))
+    settings = CompanionSettings(feedback=FeedbackSettings(mode=mode))
     feedback = Feedback(settings.feedback, keep=keep, mark=marks[0])
     return Pipeline(settings, feedback=feedback)
-
-
-def errors(rows: list[Row]) -> dict[str, float]:
-    """Errors of the autopilot's own altitude from `START_S` on, and the largest step that a write
-    makes in it."""
-    shown = [row for row in rows if row["time_s"] >= START_S]
-    amsl = np.array([row["own_m"] - row["true_m"] for row in shown])
-    relative = np.array([row["relative_error_m"] for row in shown])
-    raised = np.array([row["raised_m"] for row in shown])
-    return {
-        "amsl_rmse_m": _rmse(amsl),
-        "amsl_max_m": float(np.max(np.abs(amsl))),
-        "relative_rmse_m": _rmse(relative),
-        "relative_max_m": float(np.max(np.abs(relative))),
-        "step_m": float(np.max(np.abs(np.diff(raised)), initial=0.0)),
-    }
-
-
-def _rmse(values: NDArray[np.float64]) -> float:
-    return math.sqrt(float(np.mean(values**2)))
 
 
 def study(
@@ -238,71 +276,10 @@ def study(
         raise SimulationError(f"{failed.job.case.name}: {failed.error}")
     flown = results(done)
     out.mkdir(parents=True, exist_ok=True)
-    lines = []
+    flights = []
     for case, before, after in zip(cases, flown[::2], flown[1::2], strict=True):
-        _draw(case, before, after, out / f"{_slug(case.name)}.png")
-        lines.append((case, errors(before), errors(after)))
+        draw(case.title, before, after, out / f"{slug(case.title)}.png")
+        flights.append((case.title, before, after))
     page = out / "README.md"
-    page.write_text(_page(lines), encoding="utf-8")
+    page.write_text(page_of(flights, START_S), encoding="utf-8")
     return page
-
-
-def _page(lines: list[tuple[Case, dict[str, float], dict[str, float]]]) -> str:
-    table = []
-    for case, before, after in lines:
-        cells = [case.name]
-        for kind in ("amsl", "relative"):
-            for found in (before, after):
-                cells.append(f"{found[f'{kind}_rmse_m']:.2f} / {found[f'{kind}_max_m']:.2f}")
-        ratio = after["amsl_rmse_m"] / before["amsl_rmse_m"]
-        table.append([*cells, f"{ratio:.2f}", f"{after['step_m']:.2f}"])
-    head = [
-        "case",
-        "AMSL without",
-        "AMSL with",
-        "above home without",
-        "above home with",
-        "AMSL with : without",
-        "largest change in a second",
-    ]
-    figures = "\n\n".join(f"![{case.name}]({_slug(case.name)}.png)" for case, *_ in lines)
-    return (
-        "# Feedback to the autopilot\n\n"
-        "Written by `kollsman-sim feedback`. The simulated ArduPilot flies by its own altitude. "
-        "Errors of that altitude from 210 s on, RMSE / largest, in metres, without and with "
-        "feedback (`feedback.mode: baro-alt-offset`, all other keys at their defaults), one seed "
-        "each. The drift is real: the sea-level pressure changes.\n\n"
-        f"{markdown_table(head, table)}\n\n"
-        f"Goals at a drift of .05 m/s: AMSL {GOALS['amsl_rmse_m']} / {GOALS['amsl_max_m']}, above "
-        f"home {GOALS['relative_rmse_m']} / {GOALS['relative_max_m']}; in every case at most 1.1 "
-        "times the RMSE without feedback; no change above .15 m by a write.\n\n"
-        f"{figures}\n"
-    )
-
-
-def _slug(name: str) -> str:
-    told = name.lower().replace("+", "plus ").replace("-.", "minus .")
-    words = "".join(letter if letter.isalnum() else " " for letter in told).split()
-    return "-".join(words)
-
-
-def _draw(case: Case, before: list[Row], after: list[Row], path: Path) -> None:
-    """Error of the autopilot's own altitude, and the correction, over time."""
-    title = f"{case.name}: error of the autopilot's own altitude (m)"
-    with figure(1, panel_in=3.2) as (canvas, (axes,)):
-        for rows, colour, label in ((before, INERTIAL, "without"), (after, FUSED, "with feedback")):
-            times = [row["time_s"] / 60.0 for row in rows]
-            errors_m = [row["own_m"] - row["true_m"] for row in rows]
-            axes.plot(times, errors_m, color=colour, label=label)
-        axes.plot(
-            [row["time_s"] / 60.0 for row in after],
-            [row["raised_m"] for row in after],
-            color=OTHER,
-            linestyle=":",
-            label="BARO_ALT_OFFSET",
-        )
-        axes.axhline(0.0, color=TRUTH, linewidth=0.8, zorder=0)
-        axes.set_title(title)
-        axes.set_xlabel("time (min)")
-        legend_outside(axes)
-        write_png(canvas, path)

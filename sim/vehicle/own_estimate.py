@@ -22,6 +22,8 @@ ORIGIN_DELAY_S = 10.0
 """EKF3 takes its origin about ten seconds after the first 3D fix, when its checks of the receiver
 have passed."""
 _SMOOTHING_S = 0.5
+_RAISED_M = 0.01
+"""difference at which AP_Baro takes its offset as it is"""
 
 
 class EstimateConfig(SensorConfig):
@@ -86,12 +88,7 @@ class OwnEstimate:
         """
         dt_s = (sample.time_us - self._pressure_us) * 1e-6
         self._pressure_us = sample.time_us
-        if math.isnan(self._raised_m) or self._raise_time_s == 0.0:
-            self._raised_m = raised_m
-        self._raised_m += (raised_m - self._raised_m) * -math.expm1(
-            -dt_s / (self._raise_time_s or 1.0)
-        )
-        height_m = isa_altitude_m(sample.pressure_pa) + self._raised_m
+        height_m = isa_altitude_m(sample.pressure_pa) + self._follow(raised_m, dt_s)
         if math.isnan(self._height_m):
             self._height_m = height_m
             return
@@ -100,6 +97,16 @@ class OwnEstimate:
         innovation_m = height_m - predicted_m
         self._height_m = predicted_m + (1.0 - keep**2) * innovation_m
         self._climb_mps += (1.0 - keep) ** 2 * innovation_m / dt_s
+
+    def _follow(self, raised_m: float, dt_s: float) -> float:
+        """The part of `raised_m` that is in effect after `dt_s` more: a low-pass, whole from a
+        centimetre on."""
+        left_m = raised_m - self._raised_m
+        if self._raise_time_s and abs(left_m) > _RAISED_M:  # not before the first
+            self._raised_m += left_m * -math.expm1(-dt_s / self._raise_time_s)
+        else:
+            self._raised_m = raised_m
+        return self._raised_m
 
     def on_fix(self, fix: Fix) -> bool:
         """Take a fix; True when it set the origin."""

@@ -27,6 +27,7 @@ from sim.vehicle.stream import State
 _ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
 _DENIED: int = mavlink.MAV_RESULT_DENIED
 _UNSUPPORTED: int = mavlink.MAV_RESULT_UNSUPPORTED
+_BYTEWISE: int = mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
 _VERSION_ID: int = mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION
 
 
@@ -64,7 +65,12 @@ class Vehicle:
         flavour: Flavour = ARDUPILOT,
     ) -> None:
         self.flavour = flavour
-        self.parameters = Parameters(flavour.parameters, indexed=not flavour.ardupilot)
+        bytewise = bool(
+            flavour.capabilities & mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
+        )
+        self.parameters = Parameters(
+            flavour.parameters, indexed=not flavour.ardupilot, bytewise=bytewise
+        )
         self.state = State(parameters=self.parameters.values)
         self.heard = Heard()
         self.ports: list[Port] = []
@@ -320,7 +326,7 @@ class Vehicle:
         index = self.parameters.find(name, -1)
         if not _is_ours(message) or index is None:
             return
-        changed = self.parameters.set(name, message.param_value)
+        changed = self.parameters.set(name, message.param_value, message.param_type)
         if not changed and self.flavour.ardupilot:
             if not math.isfinite(message.param_value):
                 return

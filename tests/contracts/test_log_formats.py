@@ -1,6 +1,7 @@
 """What every log format must do. A format in `FORMATS` is tested here as soon as it has a
 writer."""
 
+import os
 import random
 from pathlib import Path
 
@@ -221,3 +222,13 @@ def test_an_empty_file_and_noise_say_so(flown: tuple[str, Path, Flight], tmp_pat
         open_log(path)
     with pytest.raises(LogFormatError, match="no such file"):
         open_log(tmp_path / f"missing.{name}")
+
+
+@pytest.mark.parametrize("name", ["pipe.tlog", "pipe.bin", "pipe"])
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path, name: str) -> None:
+    """Its head is read first, and the rest of it could not be read again."""
+    path = tmp_path / name
+    os.mkfifo(path)
+    for each in (path, Path("/dev/zero")):
+        with pytest.raises(LogFormatError, match="is a pipe or a device"):
+            open_log(each)

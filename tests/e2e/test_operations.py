@@ -69,6 +69,21 @@ def test_output_never_ends_the_service(port: int, vehicle: LiveVehicle, shell: s
         process.wait()
 
 
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+def test_a_stop_does_not_wait_for_the_compiler(
+    port: int, vehicle: LiveVehicle, tmp_path: Path, number: signal.Signals
+) -> None:
+    """Without a cache the start takes half a minute, on a Raspberry Pi minutes."""
+    environment = {"KOLLSMAN_CACHE": str(tmp_path)}
+    companion = Companion(f"udpin:127.0.0.1:{port}", environment=environment)
+    until(lambda: vehicle.messages("HEARTBEAT"), 60.0)
+    time.sleep(1.0)
+    asked_s = time.monotonic()
+    assert companion.stop(number) == 0
+    assert time.monotonic() - asked_s < 10.0
+    assert companion.lines[-1] == "stopped: before the service was ready"
+
+
 def test_hang_up_stops_cleanly_and_the_recording_is_whole(
     port: int, vehicle: LiveVehicle, tmp_path: Path
 ) -> None:

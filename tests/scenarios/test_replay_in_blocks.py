@@ -1,6 +1,9 @@
 """A replay in blocks gives what the pipeline gives for one message at a time: sessions, rows with
 estimates, counts and texts, byte for byte, on a simulated flight and every tlog at hand."""
 
+import os
+import subprocess
+import sys
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -16,7 +19,7 @@ from companion.replay.record import Recording
 from companion.replay.sessions import Session, sessions_of
 from companion.samples import Kind, Rows, Verdict
 from companion.settings import CompanionSettings
-from tests.paths import DATA
+from tests.paths import DATA, ROOT
 
 QUICK_BYTES = 230_000
 LOGS = [
@@ -89,3 +92,27 @@ def test_a_simulated_flight(short_hop: Path, estimator: str) -> None:
 @pytest.mark.parametrize("path", LOGS)
 def test_every_log_at_hand(path: Path) -> None:
     same(path)
+
+
+@pytest.mark.slow
+def test_uncompiled_it_is_the_same(short_hop: Path, tmp_path: Path) -> None:
+    """Half a minute of the flight in a process without compilation."""
+    piece = tmp_path / "piece.tlog"
+    piece.write_bytes(short_hop.read_bytes()[:150_000])
+    script = (
+        "import sys, hashlib; from pathlib import Path; import numpy as np; "
+        "from companion.replay.run import replay; "
+        "from companion.settings import CompanionSettings; "
+        "found = replay(Path(sys.argv[1]), CompanionSettings(estimator='adaptive-fusion')); "
+        "rows = np.asarray(found.sessions[0].seen.rows); "
+        "print(rows.size, hashlib.sha256(np.ascontiguousarray(rows).tobytes()).hexdigest())"
+    )
+    printed = {
+        subprocess.check_output(
+            [sys.executable, "-c", script, str(piece)],
+            env=os.environ | {"NUMBA_DISABLE_JIT": flag},
+            cwd=ROOT,
+        )
+        for flag in ("0", "1")
+    }
+    assert len(printed) == 1

@@ -38,6 +38,7 @@ from companion.estimators.vertical_bank.mixture import (
 from companion.jit import step
 from companion.kernels.atmosphere import baro_altitude_m
 from companion.kernels.earth import meridian_radius_m, normal_radius_m
+from companion.kernels.kalman import Array
 from companion.samples import Record
 
 LOWEST_QNH_PA, HIGHEST_QNH_PA = 85_000.0, 110_000.0
@@ -54,6 +55,8 @@ STEEPEST_COS = 0.8
 RANGE_SD_M, RANGE_RATIO = 0.05, 0.02
 SLOPE_RATIO = 0.05
 """of the ground, from the place of the take-off"""
+FIELD_SLOPE_RATIO = 0.01
+"""of a field, from where its elevation was told: runways may rise by 2 % (ICAO Annex 14)"""
 GROUND_TIME_S = 5.0
 """for so long does the ground below err alike"""
 STEP_SIGMA, LEAST_STEP_M = 6.0, 0.5
@@ -80,6 +83,7 @@ AIDS = np.dtype(
         ("takeoff_range_m", "f8"),  # what it was on the ground
         ("here_deg", "f8", (2,)),  # latitude and longitude of the newest fix, and of the take-off
         ("takeoff_deg", "f8", (2,)),
+        ("field_deg", "f8", (2,)),  # where the elevation of the field was first used
     ],
     align=True,
 )
@@ -98,7 +102,7 @@ def aids_start(aids: Record) -> None:
     aids.range_m, aids.range_us, aids.takeoff_range_m = math.nan, -FRESH_US, REST_RANGE_M
     aids.range_instance, aids.range_above_m, aids.ground_m = 0, math.nan, 0.0
     for i in range(2):
-        aids.here_deg[i], aids.takeoff_deg[i] = math.nan, math.nan
+        aids.here_deg[i], aids.takeoff_deg[i], aids.field_deg[i] = math.nan, math.nan, math.nan
 
 
 @step
@@ -170,13 +174,19 @@ def fuse_temperature(aids: Record, bank: Record, p: Record, pressure_pa: float) 
 
 @step
 def fuse_field(aids: Record, bank: Record, p: Record) -> None:
-    """The height of a vehicle that rests is the elevation of the field; again only when less is
-    known, as it errs alike for ever."""
-    m2 = p.known_elevation_sd_m * p.known_elevation_sd_m
-    if math.isnan(aids.field_m) or variance(bank, HEIGHT) <= m2:
+    """The height of a vehicle that rests is the elevation of the field, the less exactly the
+    further it has taxied; again only when less is known, as it errs alike for ever."""
+    if math.isnan(aids.field_m):
+        return
+    sloped_m = FIELD_SLOPE_RATIO * apart_m(aids.field_deg, aids.here_deg)
+    if math.isnan(sloped_m):
+        aids.field_deg[0], aids.field_deg[1] = aids.here_deg[0], aids.here_deg[1]
+        sloped_m = 0.0
+    R = p.known_elevation_sd_m * p.known_elevation_sd_m + sloped_m * sloped_m
+    if variance(bank, HEIGHT) <= R:
         return
     sees_height(aids.H, 0.0)
-    fuse_known(bank, aids.H, aids.field_m, m2)
+    fuse_known(bank, aids.H, aids.field_m, R)
 
 
 @step
@@ -194,14 +204,12 @@ def note_takeoff(aids: Record, now_us: int) -> None:
 
 
 @step
-def from_takeoff_m(aids: Record) -> float:
-    """Horizontal distance of the newest fix from the place of the take-off, NaN unknown."""
-    latitude = math.radians(aids.takeoff_deg[0])
-    north_m = math.radians(aids.here_deg[0] - aids.takeoff_deg[0]) * meridian_radius_m(latitude)
+def apart_m(one_deg: Array, other_deg: Array) -> float:
+    """Horizontal distance of two places, latitude and longitude each; NaN unknown."""
+    latitude = math.radians(one_deg[0])
+    north_m = math.radians(other_deg[0] - one_deg[0]) * meridian_radius_m(latitude)
     east_m = (
-        math.radians(aids.here_deg[1] - aids.takeoff_deg[1])
-        * normal_radius_m(latitude)
-        * math.cos(latitude)
+        math.radians(other_deg[1] - one_deg[1]) * normal_radius_m(latitude) * math.cos(latitude)
     )
     return math.hypot(north_m, east_m)
 
@@ -222,7 +230,7 @@ def fuse_range(aids: Record, bank: Record, late_s: float, between_s: float) -> b
     above_m = aids.range_m - aids.takeoff_range_m - expected(bank, aids.H)
     R = RANGE_SD_M * RANGE_SD_M + (RANGE_RATIO * aids.range_m) ** 2
     note_ground(aids, above_m, R, between_s)
-    level_m = SLOPE_RATIO * from_takeoff_m(aids)
+    level_m = SLOPE_RATIO * apart_m(aids.takeoff_deg, aids.here_deg)
     R += level_m * level_m
     innovation = above_m + aids.ground_m
     if not innovation * innovation <= GROUND_SIGMA * GROUND_SIGMA * (

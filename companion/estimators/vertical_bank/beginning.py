@@ -32,7 +32,8 @@ from companion.samples import Record
 def bank_start(bank: Record, p: Record) -> None:
     """Nothing known: three kinds of weather, no fault."""
     bank.now_us, bank.switched_us, bank.searched_us = -1, -1, -1
-    bank.slow_m2, bank.path_m, bank.level_m, bank.climb_mps = 0.0, 0.0, math.nan, 0.0
+    bank.slow_m2, bank.slow_time_s = 0.0, p.gnss_time_s
+    bank.path_m, bank.level_m, bank.climb_mps = 0.0, math.nan, 0.0
     for k in range(bank.H.size):
         bank.H[k], bank.K[k] = 0.0, 0.0
     for i in range(N):

@@ -7,10 +7,10 @@ from companion.estimators.vertical_bank.barometer import unseen_speed_mps
 from companion.estimators.vertical_bank.beginning import resume
 from companion.estimators.vertical_bank.channel import PORT
 from companion.estimators.vertical_bank.hypotheses import search, switch
-from companion.estimators.vertical_bank.inertial import has_seen
+from companion.estimators.vertical_bank.inertial import forget_manoeuvre, has_seen
 from companion.estimators.vertical_bank.mixture import advance, climb_the_column, mean, variance
 from companion.estimators.vertical_bank.publishing import publish
-from companion.estimators.vertical_bank.takeoff import watch_takeoff
+from companion.estimators.vertical_bank.takeoff import REST_SPEED_MPS, watch_takeoff
 from companion.jit import step
 from companion.samples import Rows
 
@@ -20,7 +20,6 @@ UNWATCHED_S = 1.5
 """Longer than between two fixes of a slow receiver."""
 LONG_SILENCE_US = 60_000_000
 """After so long without any height, what moved is unknown."""
-REST_SPEED_MPS = 1.5
 DATUM_SIGMA = 5.0
 """A barometer that is further off after a silence has another datum."""
 
@@ -59,11 +58,13 @@ def conclude(state: Rows, params: Rows, estimate: Rows) -> None:
     away_s = (s.bank.now_us - s.gnss.used_us) * 1e-6
     s.bank.outage = 1 if s.gnss.seen == 0 or away_s > OUTAGE_S else 0
     s.bank.unwatched = 1 if s.gnss.seen == 0 or away_s > UNWATCHED_S else 0
+    if s.bank.unwatched == 1:
+        forget_manoeuvre(s.imu, p)
     switch(s.bank, p, s.baro.stuck)
     if p.integrity == 1 and s.gnss.seen == 1 and s.baro.seen == 1:
         search(s.bank, p)
         attribute(s.named, s.bank, p.attribution_probability, is_blind(state, 0.0))
-    if watch_takeoff(s.takeoff, s.bank):
+    if watch_takeoff(s.takeoff, s.bank, s.gnss.ground_speed_mps):
         note_takeoff(s.aids, s.bank.now_us)
     if s.takeoff.time_us < 0 and not s.gnss.ground_speed_mps > REST_SPEED_MPS:
         fuse_field(s.aids, s.bank, p)

@@ -13,6 +13,7 @@ from companion.estimators.vertical_bank.baro_terms.timing import timing_m2
 from companion.estimators.vertical_bank.barometer import note_speed
 from companion.estimators.vertical_bank.beginning import expect_atmosphere, forget_height
 from companion.estimators.vertical_bank.channel import (
+    CLIMB,
     GNSS_BIAS,
     OFFSET,
     sees_climb,
@@ -31,13 +32,19 @@ from companion.estimators.vertical_bank.hypotheses import (
     on_gnss_surprise,
     suppose_after_outage,
 )
-from companion.estimators.vertical_bank.inertial import is_inertial, known_displacement
+from companion.estimators.vertical_bank.inertial import (
+    forget_manoeuvre,
+    is_inertial,
+    known_displacement,
+    learn_manoeuvre,
+)
 from companion.estimators.vertical_bank.mixture import (
     N,
     expected,
     expected_variance,
     fuse,
     heaviest_accuser,
+    mean,
     surprises,
 )
 from companion.estimators.vertical_bank.redundancy import (
@@ -52,15 +59,21 @@ from companion.estimators.vertical_bank.redundancy import (
 from companion.estimators.vertical_bank.reported_accuracy import (
     DISCREDIT_PROBABILITY,
     PLAIN,
+    RTK_FLOAT,
     credited_type,
     datum_m2,
     discredit,
     expect_gnss,
+    expected_slow_m2,
     note_fix,
+    note_motion,
+    note_rest,
     slow_m2,
+    slow_time_s,
     stamp_ratio,
     white_m2,
 )
+from companion.estimators.vertical_bank.takeoff import REST_SPEED_MPS, rests
 from companion.jit import step
 from companion.kernels.attitude import attitude_gnss
 from companion.samples import Record, Rows
@@ -105,10 +118,12 @@ def hear_fix(state: Rows, params: Rows, sample: Rows, fix_m: float, late_s: floa
     elapsed_s = (s.bank.now_us - s.gnss.used_us) * 1e-6 if s.gnss.seen == 1 else FIX_INTERVAL_S
     note_fix(s.gnss, p, sample, s.bank.path_m)
     fix_type = credited_type(s.gnss, sample, s.bank.now_us)
+    watch_rest(state, params, sample, fix_type, elapsed_s)
     R = expect_fix(state, params, sample, fix_type, elapsed_s)
     if s.gnss.seen == 0:
         meet_gnss(state, params, fix_m)
     s.gnss.innovation_m = fix_m - expected(s.bank, s.bank.H)
+    watch_manoeuvre(state, params, fix_type, R, elapsed_s)
     if p.integrity == 1 and s.gnss.seen == 1 and s.baro.seen == 1:
         blind = is_blind(state, elapsed_s)
         if elapsed_s > OUTAGE_S:
@@ -136,8 +151,33 @@ def expect_fix(state: Rows, params: Rows, sample: Rows, fix_type: int, elapsed_s
     s, p = state[0], params[0]
     white = white_m2(s.gnss, p, sample, fix_type)
     s.gnss.datum_m2 = datum_m2(sample)
-    expect_gnss(s.bank, p, slow_m2(p, sample, fix_type, white), elapsed_s)
+    slow = slow_m2(s.gnss, p, sample, fix_type, white)
+    expected_m2 = expected_slow_m2(p, sample, fix_type, white)
+    s.bank.slow_time_s = slow_time_s(s.gnss, p, expected_m2, slow)
+    expect_gnss(s.bank, p, slow, elapsed_s)
     return white + timing_m2(p.timing_sd_s * stamp_ratio(fix_type), s.bank.climb_mps, elapsed_s)
+
+
+@step
+def watch_rest(state: Rows, params: Rows, sample: Rows, fix_type: int, elapsed_s: float) -> None:
+    """What the heights of a vehicle that rests before its take-off show of the receiver."""
+    s = state[0]
+    if s.takeoff.time_us >= 0 or not sample[0].ground_speed_mps <= REST_SPEED_MPS:
+        note_motion(s.gnss)
+    elif rests(s.takeoff, mean(s.bank, CLIMB), sample[0].ground_speed_mps):
+        baro_m = s.baro.height_m if s.baro.seen == 1 else 0.0
+        note_rest(s.gnss, params[0], sample, fix_type, elapsed_s, baro_m)
+
+
+@step
+def watch_manoeuvre(state: Rows, params: Rows, fix_type: int, R: float, elapsed_s: float) -> None:
+    """What a precise fix shows of the motion in a blind stretch before it."""
+    s, p = state[0], params[0]
+    if fix_type < RTK_FLOAT or not is_blind(state, elapsed_s) or s.gnss.seen == 0:
+        forget_manoeuvre(s.imu, p)
+        return
+    S = R + expected_variance(s.bank, s.bank.H)
+    learn_manoeuvre(s.imu, p, elapsed_s, s.gnss.innovation_m * s.gnss.innovation_m / S)
 
 
 @step
@@ -201,7 +241,7 @@ def on_spare_fix(state: Rows, params: Rows, sample: Rows, estimate: Rows, fix_m:
         return IGNORED
     fix_type = sample[0].fix_type
     white = white_m2(s.gnss, p, sample, fix_type)
-    slow = slow_m2(p, sample, fix_type, white)
+    slow = slow_m2(s.gnss, p, sample, fix_type, white)
     away_m = innovation_m - s.spares.offset_m[RECEIVERS, instance]
     S = white + slow + expected_variance(s.bank, s.bank.H)
     if away_m * away_m > FAR_SIGMA * FAR_SIGMA * S:

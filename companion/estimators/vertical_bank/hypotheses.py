@@ -90,28 +90,28 @@ def suppose(
 
 @step
 def suppose_gnss_fault(
-    bank: Record, jump_m: float, slide_mps: float, prior: float, is_jump: int
+    bank: Record, jump_m: float, slide_mps: float, prior: float, is_surprise: bool
 ) -> None:
-    """The most probable hypothesis, but its receiver is wrong since now."""
+    """The most probable hypothesis, but its receiver is wrong since now, or in another way: it has
+    jumped and stays there when `slide_mps` is 0, else it slides."""
     top = heaviest(bank, 0, N)
     both = baro_is_wrong(top)
-    slot = suppose(bank, top, BO if both else GN, RE if both else BA, prior, is_jump == 1)
+    slot = suppose(bank, top, BO if both else GN, RE if both else BA, prior, is_surprise)
     if slot >= 0:
         bank.P[slot, GNSS_BIAS, GNSS_BIAS] += jump_m * jump_m
-        if not gnss_is_wrong(top):
-            replace(bank.x[slot], bank.P[slot], GNSS_RATE, 0.0, slide_mps * slide_mps)
-        bank.jumped[slot] = is_jump
+        replace(bank.x[slot], bank.P[slot], GNSS_RATE, 0.0, slide_mps * slide_mps)
+        bank.jumped[slot] = 1 if slide_mps == 0.0 else 0
 
 
 @step
 def suppose_baro_fault(
-    bank: Record, jump_m: float, slide_mps: float, prior: float, is_jump: int
+    bank: Record, jump_m: float, slide_mps: float, prior: float, is_surprise: bool
 ) -> None:
     """The most probable hypothesis, but its barometer is wrong since now."""
     top = heaviest(bank, 0, N)
     both = gnss_is_wrong(top)
     end = MO - 1 if bank.outage == 1 and bank.blind == 1 else MO  # the last is of unseen faults
-    slot = suppose(bank, top, BO if both else BA, RE if both else end, prior, is_jump == 1)
+    slot = suppose(bank, top, BO if both else BA, RE if both else end, prior, is_surprise)
     if slot >= 0:
         bank.P[slot, OFFSET, OFFSET] += jump_m * jump_m
         if not baro_is_wrong(top):
@@ -173,14 +173,17 @@ def suppose_after_outage(bank: Record, p: Record, prior: float) -> None:
 @step
 def on_gnss_surprise(bank: Record, p: Record, is_blind: bool, elapsed_s: float) -> None:
     """What may be behind a fix that the most probable hypothesis does not explain: a fault begins,
-    or one that was less probable until now ends."""
+    or one that was less probable until now ends. A wrong receiver that surprises again does not
+    stay where it jumped to: taken for steps, a ramp after a jump would carry the height away."""
     top, accuser = heaviest(bank, 0, N), heaviest_accuser(bank)
     elapsed_s = min(elapsed_s, LONGEST_ONSET_S)
-    rejump = p.rejump_rate_per_h * PER_H * elapsed_s
-    first = p.fault_rate_per_h * PER_H * elapsed_s
+    again = p.rejump_rate_per_h * PER_H * elapsed_s
     if bank.weight[accuser] > 0.0:
-        suppose_return(bank, accuser, rejump, True)
-    suppose_gnss_fault(bank, p.gnss_jump_m, 0.0, rejump if gnss_is_wrong(top) else first, 1)
+        suppose_return(bank, accuser, again, True)
+    if gnss_is_wrong(top):
+        suppose_gnss_fault(bank, p.gnss_jump_m, p.slide_sd_mps, again, True)
+    else:
+        suppose_gnss_fault(bank, p.gnss_jump_m, 0.0, p.fault_rate_per_h * PER_H * elapsed_s, True)
     suppose_motion(bank, p, is_blind, elapsed_s)
 
 
@@ -191,7 +194,7 @@ def on_baro_surprise(bank: Record, p: Record, is_blind: bool, elapsed_s: float) 
     elapsed_s = min(elapsed_s, LONGEST_ONSET_S)
     rate_per_h = p.rejump_rate_per_h if baro_is_wrong(top) else p.fault_rate_per_h
     prior = rate_per_h * PER_H * elapsed_s
-    suppose_baro_fault(bank, p.baro_jump_m, 3.0 * p.baro_fault_rate_mps, prior, 1)
+    suppose_baro_fault(bank, p.baro_jump_m, 3.0 * p.baro_fault_rate_mps, prior, True)
     suppose_motion(bank, p, is_blind, elapsed_s)
 
 
@@ -247,8 +250,8 @@ def suppose_baro_is_well(bank: Record, p: Record, elapsed_s: float) -> None:
 
 @step
 def search(bank: Record, p: Record) -> None:
-    """Every ten seconds: a slow fault may have begun, a slide of the receiver may have ended. A
-    barometer that is alone may have gone wrong unseen."""
+    """Every ten seconds: a slow fault may have begun, a slide of the receiver may have ended, or
+    begun after a jump. A barometer that is alone may have gone wrong unseen."""
     if bank.now_us - bank.searched_us < SEARCH_US:
         return
     elapsed_s = min((bank.now_us - bank.searched_us) * 1e-6, LONGEST_ONSET_S)
@@ -256,12 +259,15 @@ def search(bank: Record, p: Record) -> None:
     top = heaviest(bank, 0, N)
     prior = p.slide_rate_per_h * PER_H * elapsed_s
     if not gnss_is_wrong(top):
-        suppose_gnss_fault(bank, p.slide_onset_m, p.slide_sd_mps, prior, 0)
+        suppose_gnss_fault(bank, p.slide_onset_m, p.slide_sd_mps, prior, False)
+    elif bank.jumped[top] == 1:  # what is known to be wrong need not stay where it jumped to
+        again = p.rejump_rate_per_h * PER_H * elapsed_s
+        suppose_gnss_fault(bank, p.slide_onset_m, p.slide_sd_mps, again, False)
     if bank.outage == 1 and bank.blind == 1:
         unseen = (p.fault_rate_per_h + p.slide_rate_per_h) * PER_H * elapsed_s
         suppose_after_outage(bank, p, unseen + bank.weight[MO - 1])
     elif not baro_is_wrong(top):
-        suppose_baro_fault(bank, p.slide_onset_m, p.baro_fault_rate_mps, prior, 0)
+        suppose_baro_fault(bank, p.slide_onset_m, p.baro_fault_rate_mps, prior, False)
     for i in range(GN, RE):
         if bank.weight[i] > 0.0 and gnss_is_wrong(i):
             suppose_return(bank, i, elapsed_s / lasts_s(bank, p, i), False)

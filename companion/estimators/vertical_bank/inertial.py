@@ -5,6 +5,9 @@ move only when a measurement does, over the whole stretch at once. A stretch wit
 that can be integrated (no IMU, a stream below about 10 Hz, a vague attitude) is blind: no
 acceleration, and the noise of manoeuvres.
 
+A precise receiver shows how much a vehicle manoeuvres between its fixes: a blind stretch has the
+noise that it showed of late (`learn_manoeuvre`).
+
 An acceleration is as noisy as it changes from sample to sample (`note_shake`), and as the doubt in
 the attitude makes it while the vehicle turns (`note_tilt`).
 """
@@ -25,6 +28,9 @@ NORMAL_INTERVAL_S = 0.02
 VAGUE_TILT_RAD = 0.2
 """by which gravity alone shows 0.2 m/s2 too little: as much as the prior of the accelerometer's
 bias"""
+QUIET_PSD_M2PS3 = 0.1
+"""Least noise of a blind stretch: a hover in calm air, 0.2 m/s2 for 1.3 s."""
+MANOEUVRE_TIME_S, MOST_SURPRISE = 10.0, 100.0
 RING_SIZE, RING_SPACING_US = 160, 8_000
 """together the delay horizon of a second and more"""
 SHAKING_TIME_S, STAYING_TIME_S = 1.0, 60.0
@@ -35,6 +41,7 @@ INERTIAL = np.dtype(
         ("up_us", "i8"),  # newest upward acceleration
         ("up_mps2", "f8"),
         ("since_us", "i8"),  # since when samples have come without a gap
+        ("blind_psd", "f8"),  # of the vehicle's acceleration in a blind stretch
         ("shake_psd", "f8"),  # of what it changes by from sample to sample
         ("tilt_psd", "f8"),  # of its error by a wrong attitude
         ("across_new", "f8", (3,)),  # horizontal force in the body, over a second, over a minute
@@ -53,14 +60,14 @@ INERTIAL = np.dtype(
 
 
 @step
-def inertial_start(imu: Record) -> None:
+def inertial_start(imu: Record, p: Record) -> None:
     """Nothing known."""
     clear(imu.fallen_us, imu.fallen_values)
     imu.up_us, imu.until_us, imu.since_us = -1, -1, -1
     imu.up_mps2, imu.shake_psd, imu.tilt_psd = math.nan, 0.0, 0.0
     for i in range(3):
         imu.across_new[i], imu.across_old[i] = 0.0, 0.0
-    imu.V, imu.S = 0.0, 0.0
+    imu.V, imu.S, imu.blind_psd = 0.0, 0.0, p.blind_psd_m2ps3
     begin_stretch(imu)
 
 
@@ -80,10 +87,11 @@ def integrate(imu: Record, p: Record, interval_s: float, to_us: int) -> None:
     if dt <= 0.0:
         return
     seen = not math.isnan(imu.up_mps2) and to_us - imu.up_us <= BLIND_US
-    up, psd = 0.0, p.blind_psd_m2ps3
+    up, psd = 0.0, imu.blind_psd
     if seen:
         up = imu.up_mps2
-        psd = min(psd, inertial_psd(imu, p, interval_s) + p.tilt_ratio * imu.tilt_psd)
+        noise = inertial_psd(imu, p, interval_s) + p.tilt_ratio * imu.tilt_psd
+        psd = min(p.blind_psd_m2ps3, noise)
         imu.seen_s += dt
     imu.gained_h += imu.gained_v * dt + 0.5 * up * dt * dt
     imu.gained_v += up * dt
@@ -95,6 +103,21 @@ def integrate(imu: Record, p: Record, interval_s: float, to_us: int) -> None:
     newest_us = imu.fallen_us[(imu.fallen_us[RING_SIZE] + RING_SIZE - 1) % RING_SIZE]
     if to_us - newest_us >= RING_SPACING_US:
         push(imu.fallen_us, imu.fallen_values, to_us, imu.S)
+
+
+@step
+def learn_manoeuvre(imu: Record, p: Record, interval_s: float, surprise: float) -> None:
+    """After a blind stretch of `interval_s` a precise fix was off by the variance expected times
+    `surprise`: the noise of such a stretch is followed until that is 1 on average."""
+    share = min(1.0, interval_s / MANOEUVRE_TIME_S)
+    psd = imu.blind_psd * math.exp(share * (min(surprise, MOST_SURPRISE) - 1.0))
+    imu.blind_psd = min(p.blind_psd_m2ps3, max(min(QUIET_PSD_M2PS3, p.blind_psd_m2ps3), psd))
+
+
+@step
+def forget_manoeuvre(imu: Record, p: Record) -> None:
+    """Nobody shows how the vehicle manoeuvres."""
+    imu.blind_psd = p.blind_psd_m2ps3
 
 
 @step

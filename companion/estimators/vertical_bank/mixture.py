@@ -70,7 +70,8 @@ BANK = np.dtype(
         ("now_us", "i8"),  # the instant of all channels, -1 before the first measurement
         ("switched_us", "i8"),  # when hypotheses last changed into each other
         ("searched_us", "i8"),  # when slow faults were last supposed
-        ("slow_m2", "f8"),  # stationary variance of g
+        ("slow_m2", "f8"),  # stationary variance of g, and its correlation time
+        ("slow_time_s", "f8"),
         ("fast_m2", "f8"),  # stationary variance of e
         ("level_m", "f8"),  # height up to which the offset follows the scale; NaN none
         ("outage", "i8"),  # 1 when there has been no fix for long
@@ -206,10 +207,10 @@ def propagate(bank: Record, imu: Record, p: Record, dt: float, steps: int) -> No
     psd = imu.gained_psd / imu.gained_s
     is_blind = imu.seen_s < 0.5 * imu.gained_s
     bank.blind = 1 if is_blind else 0
-    keep_fast, keep_gnss = math.exp(-dt / p.fast_time_s), math.exp(-dt / p.gnss_time_s)
+    keep_fast, keep_gnss = math.exp(-dt / p.fast_time_s), math.exp(-dt / bank.slow_time_s)
     keep_slide = math.exp(-dt / p.slide_time_s)
     keep_ramp = math.exp(-dt / p.baro_fault_rate_time_s)
-    drive_m2 = 2.0 * bank.slow_m2 / p.gnss_time_s * dt
+    drive_m2 = 2.0 * bank.slow_m2 / bank.slow_time_s * dt
     for i in range(N):
         if bank.weight[i] == 0.0:
             continue

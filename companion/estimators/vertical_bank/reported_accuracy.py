@@ -14,8 +14,17 @@ A better fix type is believed until a fix is off by more than it allows, and by 
 fix may be wrong: then it counts as a plain fix for `DISCREDIT_US`. More than that is a fault.
 
 The white part is what the stream shows: the median of what consecutive heights differ by beyond the
-motion. The slow part is the rest of the reported spread. Doubt in the datum is constant: it widens
-what is published, and does not make drift of the pressure more probable.
+motion. The slow part is the rest of the reported spread, or what the heights of a vehicle that
+rests before its take-off vary by, if that is more: a receiver that stood still reported .8 m and
+swung by 5 m. A vehicle that is carried upstairs moves, and a barometer at rest is disturbed by
+wind, so what the heights vary by themselves and against the barometer counts, the smaller of the
+two. The expected variance counts in it like one more correlation time. Where
+only a dilution of precision is reported, what is shown may also be less. Such swings are quicker
+than the slow error of a good receiver: their correlation time follows from how much of them a
+high-pass of a minute leaves.
+
+Doubt in the datum is constant: it widens what is published, and does not make drift of the pressure
+more probable.
 """
 
 import math
@@ -35,6 +44,10 @@ NOISE_STEP = 0.05
 MEDIAN_TO_SD = 1.4826
 DISCREDIT_US = 600_000_000
 DISCREDIT_SIGMA, DISCREDIT_LEAST_M, DISCREDIT_PROBABILITY = 3.0, 1.0, 0.05
+LONGEST_REST_STEP_S = 1.0
+SWING_TIME_S = 60.0
+"""of the high-pass, and the least correlation time of swings: reflections off the ground and off
+buildings last for a minute and more at a receiver that stands still"""
 PLAIN = 3
 DGPS_SLOW_M, DGPS_WHITE_M = 1.5, 0.4
 FLOAT_SLOW_M, FLOAT_WHITE_M = 0.3, 0.1
@@ -52,6 +65,14 @@ RECEIVER = np.dtype(
         ("datum_m2", "f8"),  # variance of a constant error of its datum
         ("against_m", "f8"),  # by how much a receiver that is back contradicts the height, else 0
         ("ground_speed_mps", "f8"),
+        ("rest_s", "f8"),  # at rest in this stretch; its mean height, and that above the barometer
+        ("rest_m", "f8", (2,)),
+        ("rests_s", "f8"),  # of all stretches, and the integrals of the squares about their means
+        ("rests_m2s", "f8", (2,)),
+        ("rest_smooth_m", "f8"),  # height over a minute
+        ("rests_quick_m2s", "f8"),  # integral of the squares about that
+        ("rest_type", "i8"),  # fix type and reported spread then
+        ("rest_reported_m", "f8"),
     ],
     align=True,
 )
@@ -63,6 +84,8 @@ def receiver_start(gnss: Record) -> None:
     gnss.seen, gnss.used_us, gnss.median_m, gnss.height_m = 0, -1, math.nan, math.nan
     gnss.against_m, gnss.datum_m2, gnss.plain_until_us = 0.0, 0.0, -1
     gnss.path_m, gnss.innovation_m, gnss.ground_speed_mps = 0.0, math.nan, math.nan
+    gnss.rest_type, gnss.rest_reported_m = 0, 0.0
+    forget_rests(gnss)
 
 
 @step
@@ -147,10 +170,81 @@ def white_m2(gnss: Record, p: Record, sample: Rows, fix_type: int) -> float:
 
 
 @step
-def slow_m2(p: Record, sample: Rows, fix_type: int, white: float) -> float:
-    """Slow variance of a fix: the rest of the reported spread."""
+def forget_rests(gnss: Record) -> None:
+    """What the heights vary by at rest is not known."""
+    gnss.rest_s, gnss.rests_s = 0.0, 0.0
+    gnss.rest_smooth_m, gnss.rests_quick_m2s = 0.0, 0.0
+    for k in range(2):
+        gnss.rest_m[k], gnss.rests_m2s[k] = 0.0, 0.0
+
+
+@step
+def expected_slow_m2(p: Record, sample: Rows, fix_type: int, white: float) -> float:
+    """Slow variance of a fix as it is reported: the rest of the reported spread."""
     floor_m = slow_floor_m(p, fix_type)
     return max(floor_m * floor_m, reported_m2(p, sample) - white)
+
+
+@step
+def slow_m2(gnss: Record, p: Record, sample: Rows, fix_type: int, white: float) -> float:
+    """Slow variance of a fix: as reported, or what the stream has shown at rest of a fix that was
+    as good."""
+    expected_m2 = expected_slow_m2(p, sample, fix_type, white)
+    if fix_type > gnss.rest_type:
+        return expected_m2
+    shown_m2s = p.gnss_time_s * expected_m2 + min(gnss.rests_m2s[0], gnss.rests_m2s[1])
+    mean_m2 = shown_m2s / (p.gnss_time_s + gnss.rests_s)
+    is_reported = sample[0].vertical_sd_m > 0.0
+    return max(expected_m2 if is_reported else slow_floor_m(p, fix_type) ** 2, mean_m2)
+
+
+@step
+def slow_time_s(gnss: Record, p: Record, expected_m2: float, slow: float) -> float:
+    """Correlation time of a slow error of variance `slow`, of which `expected_m2` is that of a good
+    receiver and the rest are swings."""
+    if slow <= expected_m2:
+        return float(p.gnss_time_s)
+    quick = gnss.rests_quick_m2s / max(gnss.rests_m2s[0], gnss.rests_quick_m2s)
+    swing_s = max(SWING_TIME_S, min(p.gnss_time_s, SWING_TIME_S * (1.0 / quick - 1.0)))
+    return float(slow / (expected_m2 / p.gnss_time_s + (slow - expected_m2) / swing_s))
+
+
+@step
+def note_rest(
+    gnss: Record, p: Record, sample: Rows, fix_type: int, interval_s: float, baro_m: float
+) -> None:
+    """The next height of a vehicle that rests, where the barometer shows `baro_m`: what it varies
+    by is error. A better fix type, or a reported spread that is much better, begins anew; a much
+    worse one tells nothing, and RTK is better than a rest is still."""
+    reported_m, height_m = math.sqrt(reported_m2(p, sample)), sample[0].altitude_amsl_m
+    if fix_type >= RTK_FLOAT:
+        return
+    if MUCH_BETTER * reported_m < gnss.rest_reported_m or fix_type > gnss.rest_type:
+        forget_rests(gnss)
+    if gnss.rests_s == 0.0:
+        gnss.rest_type, gnss.rest_reported_m = fix_type, reported_m
+    if fix_type < gnss.rest_type or reported_m > MUCH_BETTER * gnss.rest_reported_m:
+        return
+    interval_s = min(interval_s, LONGEST_REST_STEP_S)
+    gnss.rest_s += interval_s
+    gnss.rests_s += interval_s
+    share = interval_s / gnss.rest_s
+    if share == 1.0:
+        gnss.rest_smooth_m = height_m
+    quick_m = height_m - gnss.rest_smooth_m
+    gnss.rest_smooth_m += interval_s / SWING_TIME_S * quick_m
+    gnss.rests_quick_m2s += interval_s * quick_m * quick_m
+    for k in range(2):
+        shown_m = height_m - (baro_m if k == 1 else 0.0)
+        away_m = shown_m - gnss.rest_m[k] if share < 1.0 else 0.0
+        gnss.rest_m[k] = shown_m - (1.0 - share) * away_m
+        gnss.rests_m2s[k] += interval_s * (1.0 - share) * away_m * away_m
+
+
+@step
+def note_motion(gnss: Record) -> None:
+    """The vehicle has moved: the next rest is another stretch, with a mean of its own."""
+    gnss.rest_s = 0.0
 
 
 @step

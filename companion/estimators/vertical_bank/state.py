@@ -41,7 +41,7 @@ def start(state: Rows, params: Rows) -> None:
     s, p = state[0], params[0]
     reset(state)
     attitude_start(s.attitude)
-    inertial_start(s.imu)
+    inertial_start(s.imu, p)
     bank_start(s.bank, p)
     attribution_start(s.named)
     barometer_start(s.baro, p)

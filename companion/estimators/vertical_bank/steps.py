@@ -60,16 +60,16 @@ from companion.estimators.vertical_bank.aids import (
 )
 from companion.estimators.vertical_bank.attribution import INERTIAL, is_named
 from companion.estimators.vertical_bank.barometer import note_speed
-from companion.estimators.vertical_bank.channel import HEIGHT
+from companion.estimators.vertical_bank.channel import HEIGHT, TAKEOFF
 from companion.estimators.vertical_bank.cycle import predict
 from companion.estimators.vertical_bank.fixes import on_gnss
 from companion.estimators.vertical_bank.inertial import VAGUE_TILT_RAD, note_tilt, take_acceleration
-from companion.estimators.vertical_bank.mixture import advance, mean
+from companion.estimators.vertical_bank.mixture import advance, mean, variance
 from companion.estimators.vertical_bank.pressures import on_pressure
 from companion.estimators.vertical_bank.publishing import publish
 from companion.estimators.vertical_bank.settings import VerticalBankSettings
 from companion.estimators.vertical_bank.state import STATE, init, start
-from companion.estimators.vertical_bank.takeoff import note_armed
+from companion.estimators.vertical_bank.takeoff import note_armed, note_landed, take_off_at
 from companion.jit import step
 from companion.kernels.attitude import (
     attitude_imu,
@@ -225,11 +225,17 @@ def on_range(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
 
 @step
 def on_status(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
-    """A reboot restarts the vehicle's clock: start anew."""
+    """A reboot restarts the vehicle's clock: start anew. Where the clock goes on, only the
+    estimator is restarted: the vehicle has taken off where it did."""
     s = state[0]
     if sample[0].reboot == 1:
+        was_us = s.takeoff.time_us if 0 <= s.bank.now_us <= sample[0].time_us else -1
+        height_m, variance_m2 = mean(s.bank, TAKEOFF), variance(s.bank, TAKEOFF)
         start(state, params)
         forget(estimate)
+        if was_us >= 0:
+            take_off_at(s.takeoff, s.bank, was_us, height_m, variance_m2)
+    note_landed(s.takeoff, sample[0].landed)
     if note_armed(s.takeoff, s.bank, sample[0].armed):
         note_takeoff(s.aids, s.bank.now_us)
     return tally(state, STATUS, USED)

@@ -39,6 +39,7 @@ ALL_COMBINATIONS = 20
 """seeds from which on every combination of attitude, lag and error is flown; with fewer seeds each
 seed has the next combination"""
 WRONG_M = 50.0
+TAKEOFF_CLIMB_MPS, TAKEOFF_S = 1.0, 10.0
 OK_SD, OK_S = 4.0, 5.0
 
 
@@ -173,19 +174,34 @@ def measures(log: SampleLog, estimator: str, settle_s: float = SETTLE_S) -> Row:
         "exceeded_share": kept.exceeded_share if kept else math.nan,
         "exceedances": kept.exceedances if kept else 0,
         "hours": kept.hours if kept else math.nan,
-        "takeoff_rmse_m": _takeoff_rmse_m(said, ticks, truth_us, truth_m),
+        "takeoff_rmse_m": _takeoff_rmse_m(said, ticks, truth_us, truth_m, truth_climb),
         "cost_us": said.cost_us,
     }
     return row | _raw(log, start_us, truth_us, truth_m) | _sent(said, error_m, start_us)
 
 
 def _takeoff_rmse_m(
-    said: Published, ticks: NDArray[np.bool_], truth_us: Array, truth_m: Array
+    said: Published,
+    ticks: NDArray[np.bool_],
+    truth_us: Array,
+    truth_m: Array,
+    truth_climb: Array,
 ) -> float:
     above = said.of("height_above_takeoff_m")[ticks]
-    truth = truth_at(said.of("time_us")[ticks], truth_us, truth_m) - truth_m[0]
+    takeoff_m = truth_m[takeoff_row(truth_us, truth_climb)]
+    truth = truth_at(said.of("time_us")[ticks], truth_us, truth_m) - takeoff_m
     found = errors(above, truth)
     return found.rmse_m if found else math.nan
+
+
+def takeoff_row(times_us: Array, climb_mps: Array) -> int:
+    """Row of the truth, shapes (n,), at which its first climb of `TAKEOFF_S` begins; 0 if there is
+    none. A runway may be ten metres above the apron where a log starts."""
+    climbs = climb_mps >= TAKEOFF_CLIMB_MPS
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], climbs.astype(np.int64), [0]])))
+    starts, stops = edges[::2], edges[1::2] - 1
+    long = times_us[stops] - times_us[starts] >= TAKEOFF_S * 1e6
+    return int(starts[np.argmax(long)]) if long.any() else 0
 
 
 def _raw(log: SampleLog, start_us: float, truth_us: Array, truth_m: Array) -> Row:

@@ -113,6 +113,18 @@ def test_a_mere_silence_is_over_after_one_second() -> None:
         assert bench.seconds_until(OK) == pytest.approx(expected_s, abs=0.21)
 
 
+def test_a_silence_that_ends_just_before_the_limit_is_a_mere_silence_too() -> None:
+    """Heard again after 2.9 s, but the first height comes after 3.1 s."""
+    bench = healthy()
+    host_us = round(bench.time_s * SECOND_US)
+    for since_s in (0.0, 2.9, 3.05):
+        bench.monitor.alive(host_us + round(since_s * SECOND_US))
+    bench.time_s += 3.1
+    assert bench.monitor.age(round(bench.time_s * SECOND_US), lambda: "")
+    assert bench.monitor.reason == "vehicle heard, but no barometer and no GNSS"
+    assert bench.seconds_until(OK) == pytest.approx(1.1, abs=0.21)
+
+
 @pytest.mark.parametrize(
     ("conditions", "after_s", "expected", "reason"),
     [

@@ -97,6 +97,29 @@ def test_temperature_tells_how_far_a_barometer_is_off_in_a_climb() -> None:
     assert worst[1] < 0.5 * worst[0]
 
 
+def test_known_elevation_is_that_of_the_place_where_it_was_told() -> None:
+    """A vehicle taxis uphill by 11 m over a kilometre and stands at the runway: GNSS and barometer
+    say so, and the elevation of the apron does not keep them from it."""
+    made = flight(imu_hz=0.0)
+    rises_m = {
+        kind: 11.0 * np.clip((made.elapsed_s(made.tables[kind]["time_us"]) - 60.0) / 60.0, 0.0, 1.0)
+        for kind in (Kind.GNSS, Kind.PRESSURE)
+    }
+    fixes, pressure = made.tables[Kind.GNSS], made.tables[Kind.PRESSURE]
+    fixes["altitude_amsl_m"] = made.plan.start_m + rises_m[Kind.GNSS]
+    pressure["pressure_pa"] = standard_pressure_pa(
+        made.plan.start_m + rises_m[Kind.PRESSURE], made.plan.sea_level_pa
+    ) + np.random.default_rng(3).normal(0.0, 3.0, pressure.size)
+    elapsed_s = made.elapsed_s(fixes["time_us"])
+    fixes["ground_speed_mps"] = np.where((elapsed_s > 60.0) & (elapsed_s < 120.0), 16.0, 0.0)
+    fixes["latitude_deg"] = 45.0 + 1000.0 * rises_m[Kind.GNSS] / 11.0 / 111_200.0
+    fixes["longitude_deg"] = 8.0
+    estimates, at_s = fly(add(made, Kind.AIR, [0.0], field_elevation_m=300.0, qnh_pa=NAN))
+    stands = at_s > 180.0
+    assert np.abs(estimates["altitude_amsl_m"] - 311.0)[stands].max() < 2.0
+    assert np.abs(estimates["altitude_amsl_m"] - 300.0)[(at_s > 2.0) & (at_s < 55.0)].max() < 1.5
+
+
 @pytest.mark.parametrize(
     ("values", "verdict"),
     [

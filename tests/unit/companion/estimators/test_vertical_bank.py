@@ -1,5 +1,6 @@
 """The vertical bank on synthetic flights: accuracy, honesty, and what each part is for."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -360,7 +361,7 @@ def test_two_wrong_sensors_are_covered_by_the_level() -> None:
 
 
 def test_height_above_takeoff_with_two_wrong_sensors_is_as_good_as_the_height() -> None:
-    made = lost()
+    made = lost().stand()
     estimates, error, elapsed_s = fly(made)
     late = elapsed_s > 95.0
     above_m = estimates["height_above_takeoff_m"] - (
@@ -455,7 +456,7 @@ def test_second_barometer_stands_in() -> None:
 
 
 def test_height_above_takeoff_without_arming_is_that_of_the_first_climb() -> None:
-    made = flight()
+    made = flight().stand()
     estimates, _, elapsed_s = fly(made)
     late = elapsed_s > 40.0
     height = made.truth_m(estimates["time_us"]) - made.plan.start_m
@@ -471,6 +472,43 @@ def test_height_above_takeoff_counts_from_arming() -> None:
     late = elapsed_s > 12.0
     height = made.truth_m(estimates["time_us"]) - made.plan.start_m
     assert rms((estimates["height_above_takeoff_m"] - height)[late]) < 0.8
+
+
+def restarted(made: Flight, at_s: float, clock_s: float) -> Flight:
+    """A restart of the estimator at `at_s`, where the vehicle's clock then reads `clock_s`."""
+    row = sample(Kind.STATUS, round(clock_s * 1e6), armed=-1, landed=-1, reboot=1)
+    row["arrival_us"] = np.interp(
+        at_s,
+        *(made.elapsed_s(made.tables[Kind.IMU]["time_us"]), made.tables[Kind.IMU]["arrival_us"]),
+    )
+    made.tables[Kind.STATUS] = np.concatenate([made.tables[Kind.STATUS], row])
+    return made
+
+
+def test_a_restart_in_flight_keeps_the_place_of_the_takeoff() -> None:
+    """The checker restarts an estimator that it does not support; the vehicle's clock goes on."""
+    at_s = 120.0
+    made = flight().stand()
+    estimates, _, elapsed_s = fly(restarted(made, at_s, made.plan.boot_s + at_s))
+    height = made.truth_m(estimates["time_us"]) - made.plan.start_m
+    late = elapsed_s > at_s + 5.0
+    assert np.abs(estimates["height_above_takeoff_m"] - height)[late].max() < 6.0
+
+
+def test_a_flight_that_is_first_heard_in_the_air_has_no_takeoff() -> None:
+    """The climbs of a vehicle that moves, or says that it flies, do not begin on the ground."""
+    moving, hovering = flight(), flight().stand(1e9)
+    hovering.tables[Kind.STATUS]["landed"] = 0
+    for made in (moving, hovering):
+        assert np.isnan(fly(made)[0]["height_above_takeoff_m"]).all()
+
+
+def test_a_reboot_of_the_vehicle_forgets_the_takeoff() -> None:
+    made = flight().stand()
+    for kind, table in made.tables.items():  # what is heard from 120 s on is of a new boot
+        made.tables[kind] = table[made.elapsed_s(table["time_us"]) < 120.0]
+    estimates, _, _ = run_log(vb.METHOD, restarted(made, 119.9, 1.0).log())
+    assert np.isnan(estimates["height_above_takeoff_m"][-1])
 
 
 def test_protection_level_covers_and_grows_with_a_smaller_risk() -> None:
@@ -552,3 +590,44 @@ def test_a_fix_of_a_better_type_that_swings_by_metres_counts_as_a_plain_one(fix_
     late = seconds > 60.0
     assert rms(error[late]) < 2.5
     assert (estimates["altitude_sd_m"][late] > 1.0).all()
+
+
+def at_rest(swings_m: float, claims_m: float) -> Rows:
+    """The last estimate over five minutes on the ground, where a receiver swings over 90 s."""
+    running, random = Filter(vb.METHOD), np.random.default_rng(4)
+    for k in range(1500):
+        time_us, noise_pa = 1_000_000 + 200_000 * k, random.normal(0.0, 3.0)
+        running.step(Kind.PRESSURE, sample(Kind.PRESSURE, time_us, pressure_pa=95e3 + noise_pa))
+        swing_m = swings_m * math.sqrt(2.0) * math.sin(math.tau * 0.2 * k / 90.0)
+        fix = sample(
+            Kind.GNSS,
+            time_us,
+            altitude_amsl_m=540.0 + swing_m,
+            vertical_sd_m=claims_m,
+            ground_speed_mps=0.1,
+            fix_type=3,
+        )
+        running.step(Kind.GNSS, fix)
+    return running.state
+
+
+def test_a_receiver_that_swings_at_rest_is_trusted_less_than_it_reports() -> None:
+    """Recorded: reports of .8 m, swings of 5 m. A receiver that is as good as it says stays so."""
+    swings, steady, honest = at_rest(5.0, 0.8), at_rest(0.5, 0.8), at_rest(4.0, 4.0)
+    assert 3.5 < math.sqrt(swings["bank"]["slow_m2"][0]) < 5.0
+    assert math.sqrt(steady["bank"]["slow_m2"][0]) == pytest.approx(2.5, abs=0.05)
+    assert math.sqrt(honest["bank"]["slow_m2"][0]) == pytest.approx(4.0, abs=0.1)
+
+
+def test_rtk_fixes_without_an_imu_are_as_good_as_with_one() -> None:
+    """Centimetres at five fixes a second: their own differences tell how the vehicle manoeuvres."""
+    made = flight(imu_hz=0.0)
+    fixes, random = made.tables[Kind.GNSS], np.random.default_rng(8)
+    fixes["altitude_amsl_m"] = made.truth_m(fixes["time_us"]) + random.normal(0.0, 0.01, fixes.size)
+    fixes["vertical_sd_m"], fixes["fix_type"] = 0.01, 6
+    estimates, error, elapsed_s = fly(made)
+    late = elapsed_s > 60.0
+    assert rms(error[late]) < 0.05
+    assert 0.4 < rms(error[late]) / rms(estimates["altitude_sd_m"][late]) < 2.0
+    assert np.median(estimates["protection_level_m"][late]) < 0.5
+    assert not estimates["faulty"].any()

@@ -98,8 +98,27 @@ def test_an_imu_that_was_away_denies_no_motion() -> None:
     made the height unknown."""
     params = VerticalBankSettings().params().view(np.recarray)
     imu = vb.METHOD.init(params).view(np.recarray)[0].imu
-    inertial_start(imu)
+    inertial_start(imu, params[0])
     for time_us in (*range(20_000, 1_000_000, 20_000), *range(6_000_000, 6_200_000, 20_000)):
         take_acceleration(imu, params[0], 0.02, time_us, 0.0)
     assert has_seen(imu, 6_200_000, 0.15)
     assert not has_seen(imu, 6_200_000, 5.0)
+
+
+@pytest.mark.parametrize("imu_hz", [0.0, 10.0])
+@pytest.mark.parametrize(("step_m", "rate_mps"), [(30.0, 2.0), (30.0, 0.5), (-30.0, -1.0)])
+def test_a_receiver_that_slides_after_a_jump_does_not_take_the_height_along(
+    imu_hz: float, step_m: float, rate_mps: float
+) -> None:
+    """It was taken to stay where it jumped to, so the height followed by up to 115 m; and it stayed
+    excluded when it was right again."""
+    made = flight(imu_hz=imu_hz, pressure_hz=10.0)
+    elapsed_s = made.elapsed_s(made.tables[Kind.GNSS]["time_us"])
+    wrong = (elapsed_s >= 100.0) & (elapsed_s < 150.0)
+    error_m = step_m + rate_mps * (elapsed_s - 100.0)
+    made.tables[Kind.GNSS]["altitude_amsl_m"][wrong] += error_m[wrong]
+    estimates, _, _ = run_log(vb.METHOD, made.log())
+    off_m = estimates["altitude_amsl_m"] - made.truth_m(estimates["time_us"])
+    elapsed_s = made.elapsed_s(estimates["time_us"])
+    assert np.abs(off_m[elapsed_s > 60.0]).max() < 15.0
+    assert not estimates["faulty"][elapsed_s > 190.0].any()

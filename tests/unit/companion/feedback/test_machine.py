@@ -20,7 +20,7 @@ ARDUPILOT_VALUES = {
     "EK3_SRC1_POSZ": 1.0,
     "EK3_OGN_HGT_MASK": 0.0,
 }
-PX4_VALUES = {"SENS_BARO_QNH": 1013.25, "EKF2_HGT_REF": 0.0}
+PX4_VALUES = {"SENS_BARO_QNH": 1013.25, "EKF2_HGT_REF": 0.0, "EKF2_BARO_CTRL": 1.0}
 FIELD_M, GROUND_S = 300.0, 60
 
 
@@ -45,6 +45,7 @@ class Bench:
         self.drift_mps = 0.0
         self.error_m = 0.0
         """of our own altitude"""
+        self.sd_m = 0.1
         self.health, self.faulty, self.level_m = Health.OK, FaultySensor.NONE, 12.0
         self.answers = self.follows = self.sends_height = True
         self.sets: list[tuple[float, float]] = []
@@ -72,7 +73,7 @@ class Bench:
     def tell(self, name: str) -> None:
         """PARAM_VALUE, as the vehicle sends it."""
         value, kind = self.values[name], REAL32
-        if name == "EKF2_HGT_REF":
+        if name.startswith("EKF2_"):
             kind = mavlink.MAV_PARAM_TYPE_INT32
             value = math.ldexp(value, -149)  # PX4: the bytes of the integer
         self.feedback.parameter(
@@ -100,6 +101,7 @@ class Bench:
         estimate["altitude_amsl_m"] = true_m + self.error_m
         estimate["baro_offset_m"] = self.error_m - self.drift_m
         estimate["protection_level_m"], estimate["faulty"] = self.level_m, self.faulty
+        estimate["altitude_sd_m"] = self.sd_m
         situation = Situation(self.health, estimate, (1, 1), self.autopilot)
         for message in self.feedback.step(now_us, situation):
             self.answer(message)
@@ -166,6 +168,57 @@ def test_the_dead_band_is_that_of_the_configuration() -> None:
     assert bench.sets
 
 
+def test_a_change_within_its_own_spread_is_not_written() -> None:
+    """In calm air a poor receiver moves our altitude by a standard deviation and back."""
+    bench = Bench().run(5.0)
+    bench.sd_m = 4.0
+    bench.fly(0.0, 60.0)
+    for bench.error_m in (5.0, -5.0, 5.0, 0.0):
+        bench.run(300.0)
+    assert bench.sets == []
+    assert bench.feedback.hold is Hold.ENOUGH
+
+
+def test_a_change_beyond_its_spread_is_written_but_for_what_is_not_proven() -> None:
+    bench = Bench().run(5.0)
+    bench.sd_m = 2.0  # of the change 2.8, twice that is the limit
+    bench.fly(0.02, 1500.0)
+    bench.drift_mps = 0.0
+    bench.run(30.0)
+    assert bench.drift_m == pytest.approx(30.0, abs=0.1)
+    unproven_m = 8.0 * 2.0**2 / 30.0
+    assert bench.own_error_m == pytest.approx(unproven_m, abs=0.6)
+
+
+def test_what_a_good_receiver_has_proven_stays_with_a_poor_one() -> None:
+    bench = Bench().fly(0.05, 300.0)
+    bench.drift_mps = 0.0
+    bench.run(60.0)
+    held, writes = bench.values["BARO_ALT_OFFSET"], len(bench.sets)
+    assert held < -14.0
+    bench.sd_m = 4.0
+    for bench.error_m in (3.0, -3.0, 0.0):
+        bench.run(200.0)
+    assert len(bench.sets) == writes
+    assert bench.values["BARO_ALT_OFFSET"] == held
+
+
+@pytest.mark.parametrize("datum", ["change", "absolute"])
+def test_a_spread_that_is_unknown_holds_it(datum: str) -> None:
+    bench = Bench(datum=datum)
+    bench.sd_m, bench.drift_m = math.nan, -3.0
+    assert bench.fly().sets == []
+
+
+def test_an_absolute_datum_that_the_vehicle_does_not_take_is_not_pursued() -> None:
+    """ArduPlane sets its datum to the GNSS height every second until it is armed."""
+    bench = Bench(datum="absolute")
+    bench.drift_m, bench.follows = -8.0, False
+    bench.run(GROUND_S + 300.0)
+    assert bench.feedback.hold is Hold.UNFOLLOWED
+    assert abs(bench.values["BARO_ALT_OFFSET"]) < 2.0
+
+
 def test_off_by_default() -> None:
     feedback = Feedback(FeedbackSettings())
     situation = Situation(Health.OK, rows(ESTIMATE), (1, 1), ARDUPILOT)
@@ -181,7 +234,7 @@ def test_a_vehicle_that_takes_its_height_from_elsewhere_is_refused(name: str, va
     bench.values[name] = value
     bench.fly()
     assert bench.sets == []
-    assert bench.texts[0].startswith(f"Kollsman feedback ends: {name} {value:g}")
+    assert bench.texts[0].startswith(f"Kollsman feedback ends: {name} {value:g}, not ")
 
 
 def test_px4_with_its_default_height_reference_is_refused() -> None:
@@ -192,11 +245,18 @@ def test_px4_with_its_default_height_reference_is_refused() -> None:
     assert "EKF2_HGT_REF 1" in bench.texts[0]
 
 
+def test_px4_that_does_not_use_its_barometer_is_refused() -> None:
+    bench = Bench(mode="qnh")
+    bench.values["EKF2_BARO_CTRL"] = 0.0
+    assert bench.fly().sets == []
+    assert "EKF2_BARO_CTRL 0" in bench.texts[0]
+
+
 def test_a_parameter_of_another_autopilot_is_refused() -> None:
     bench = Bench(mode="qnh")
     bench.autopilot = ARDUPILOT
     bench.run(5.0)
-    assert bench.texts == ["Kollsman feedback ends: SENS_BARO_QNH is another a"]
+    assert bench.texts == ["Kollsman feedback ends: no SENS_BARO_QNH here"]
 
 
 def test_a_vehicle_that_does_not_answer_is_left_alone() -> None:
@@ -204,7 +264,7 @@ def test_a_vehicle_that_does_not_answer_is_left_alone() -> None:
     bench.answers = False
     bench.fly()
     assert bench.sets == []
-    assert bench.texts == ["Kollsman feedback ends: no answer about BARO_ALT_O"]
+    assert bench.texts == ["Kollsman feedback ends: BARO_ALT_OFFSET not heard"]
 
 
 @pytest.mark.parametrize("value", [500.0, math.nan])
@@ -244,7 +304,7 @@ def test_integers_of_px4_are_read_by_their_bytes() -> None:
         (Hold.LEVEL, {"level_m": 40.0}),
         (Hold.LEVEL, {"level_m": math.nan}),
         (Hold.NO_HEIGHT, {"sends_height": False}),
-        (Hold.LOW, {"height_m": 20.0}),
+        (Hold.LOW, {"height_m": 15.0}),
     ],
 )
 def test_what_freezes_it_and_how_it_goes_on(hold: Hold, change: dict[str, object]) -> None:
@@ -268,7 +328,7 @@ def test_the_floor_may_be_allowed() -> None:
     bench = Bench(floor_m=0.0).run(GROUND_S)
     bench.armed = True
     bench.run(1.0)
-    bench.height_m, bench.drift_mps = 20.0, 0.05
+    bench.height_m, bench.drift_mps = 10.0, 0.05
     assert bench.run(100.0).sets
 
 
@@ -326,7 +386,7 @@ def test_two_writes_that_are_not_read_back_end_it() -> None:
     assert bench.sets[-1][1] == pytest.approx(
         bench.sets[-2][1]
     )  # the same again, not one step further
-    assert bench.texts[-1] == "Kollsman feedback ends: BARO_ALT_OFFSET not read b"
+    assert bench.texts[-1] == "Kollsman feedback ends: writes are not read back"
 
 
 def test_one_lost_answer_does_not_end_it() -> None:
@@ -490,7 +550,7 @@ def test_a_value_that_is_not_of_the_mark_is_left_alone(change: dict[str, float])
 def test_without_a_place_for_its_mark_nothing_is_written() -> None:
     bench = Bench(kept=False).fly()
     assert bench.sets == []
-    assert bench.texts[-1] == "Kollsman feedback ends: its mark cannot be kept on"
+    assert bench.texts[-1] == "Kollsman feedback ends: no place for its mark"
 
 
 def test_a_reboot_of_the_autopilot_begins_anew() -> None:

@@ -1,6 +1,8 @@
 """Dataflash columns against pymavlink's reader of the same files, and damage."""
 
 import math
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,7 @@ from companion.logs.dataflash import BinReader, TextReader, read_bin, read_text
 from companion.mavlink.codec import FrameReject
 from companion.samples import Kind
 from tests import logfiles
-from tests.paths import DATA
+from tests.paths import DATA, ROOT
 
 REAL = sorted([*DATA.glob("real/*.bin"), *DATA.glob("real/*.log")])
 REAL_PARAMS = [pytest.param(path, id=path.stem) for path in REAL]
@@ -98,3 +100,9 @@ def test_what_the_autopilot_said(tmp_path: Path) -> None:
         assert tables.modes == [(made.start_us, "10")]
         epoch_us = (315_964_800 - 18 + 2286 * 604_800) * 1_000_000 + 302_400_000_000
         assert math.isclose(tables.utc_offset_us, epoch_us, abs_tol=2000)
+
+
+def test_readers_need_no_dialect_but_ours() -> None:
+    """pymavlink.mavutil loads all dialects, which the images do not hold."""
+    code = "import sys, companion.logs; sys.exit('pymavlink.mavutil' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0

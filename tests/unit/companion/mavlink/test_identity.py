@@ -182,6 +182,19 @@ def test_another_autopilot_in_flight_is_told_and_not_followed() -> None:
     assert identity.others(NOW_US + 80_000_000) == ["autopilot 9/1"]
 
 
+def test_every_sender_beside_a_silent_vehicle_is_named() -> None:
+    """A radio that goes on without the vehicle is heard, and so is a camera."""
+    identity = latched()
+    heard(identity, Vehicle(51, 68), mavlink.MAVLink_radio_status_message(60, 0, 50, 40, 0, 0, 0))
+    heard(identity, Vehicle(1, 100), vehicle.heartbeat(autopilot=GENERIC, type=CAMERA))
+    heard(identity, Vehicle(255, 190), vehicle.heartbeat(autopilot=INVALID, type=GCS))
+    assert identity.others(NOW_US - 1) == ["radio 51/68", "1/100", "255/190"]
+    for system_id in (201, 202, 203):
+        heard(identity, Vehicle(system_id, 190), vehicle.heartbeat(autopilot=INVALID, type=GCS))
+    assert identity.others(NOW_US - 1) == ["radio 51/68", "1/100", "255/190", "201/190", "2 more"]
+    assert identity.others(NOW_US) == []
+
+
 def test_the_vehicle_is_heard_from_where_it_speaks() -> None:
     """A forger elsewhere is refused; a vehicle that moved is accepted after three seconds."""
     identity, sender = Identity(), Vehicle()

@@ -175,7 +175,8 @@ def test_a_refused_stream_is_told_once(caplog: pytest.LogCaptureFixture) -> None
     assert "IMU refused (FAILED), 0 Hz" in bench.supervisor.problems
     refusals = [record for record in caplog.messages if "refuses RAW_IMU" in record]
     assert len(refusals) == 1
-    assert len(bench.requests()) == len(STREAMS)
+    asked = [rate_hz for message_id, rate_hz in bench.requests() if message_id == RAW_IMU]
+    assert asked == [50, 40, 25, 10]
 
 
 def test_a_sensor_that_never_comes_is_told_and_asked_for_ever_less_often() -> None:
@@ -280,14 +281,28 @@ def test_what_was_requested_is_put_back() -> None:
     assert {message.param2 for message in undo} == {0.0}
 
 
-def test_temporarily_rejected_and_in_progress_wait() -> None:
+def test_temporarily_rejected_is_requested_again_after_three_seconds() -> None:
+    """While it starts, an autopilot is busy; that says nothing about intervals."""
     bench = Autopilot()
     bench.result = TEMPORARILY
-    bench.run(0.5)
-    assert bench.requests() == [(PRESSURE, 20.0)]
+    bench.run(2.0)
+    assert len(bench.requests()) == len(STREAMS)
     bench.result = ACCEPTED
     bench.run(3.0)
-    assert len(bench.requests()) == 1 + len(STREAMS)
+    assert len(bench.requests()) == 2 * len(STREAMS)
+    assert bench.supervisor.problems == []
+    forever = Autopilot()
+    forever.result = TEMPORARILY
+    forever.run(200.0)
+    assert len(forever.requests()) <= 8 * len(STREAMS)
+    assert not [message for message in forever.sent if message.get_type() != "COMMAND_LONG"]
+
+
+def test_in_progress_waits() -> None:
+    bench = Autopilot()
+    bench.result = IN_PROGRESS
+    bench.run(0.5)
+    assert bench.requests() == [(PRESSURE, 20.0)]
 
 
 def test_answers_to_other_commands_are_not_ours() -> None:

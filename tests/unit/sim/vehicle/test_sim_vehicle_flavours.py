@@ -11,6 +11,7 @@ import pytest
 
 from companion.clock import ManualClock
 from companion.errors import ConfigError
+from companion.feedback.knobs import parameter_value
 from companion.logs.tlog import TlogReader
 from companion.mavlink.codec import Decoder, mavlink
 from companion.pipeline import Pipeline
@@ -442,10 +443,13 @@ def test_all_parameters_are_listed(flavour: str) -> None:
     table = FLAVOURS[flavour].parameters
     assert [value.param_index for value in values] == list(range(len(table)))
     assert [value.param_id for value in values] == [row.name for row in table]
-    assert {(value.param_type, value.param_count) for value in values} == {(9, len(table))}
+    assert [value.param_type for value in values] == [row.kind for row in table]
+    assert {value.param_count for value in values} == {len(table)}
     held = bench.flight.vehicle.parameters.values
+    read_as = {"px4": mavlink.MAV_AUTOPILOT_PX4}.get(flavour, mavlink.MAV_AUTOPILOT_GENERIC)
     assert all(
-        value.param_value == pytest.approx(held[value.param_id], rel=1e-6) for value in values
+        parameter_value(value, read_as) == pytest.approx(held[value.param_id], rel=1e-6)
+        for value in values
     )
     assert len(table) == len(held)
     assert all(len(row.name) <= 16 for row in table)
@@ -487,14 +491,26 @@ def test_a_set_is_held_and_told_to_every_link_that_speaks(flavour: str) -> None:
     name = FLAVOURS[flavour].parameters[-1].name
     bench.clients[1].send(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
     bench.fly(0.01)
-    bench.client.send(write(name, 42.5))
+    bench.client.send(write(name, 42.0))
     bench.fly(0.01)
     told = [
         [value.param_value for value in client.messages("PARAM_VALUE")] for client in bench.clients
     ]
-    assert told == [[42.5], [42.5], []]
-    assert [value.param_value for value in after(bench, read(name), "PARAM_VALUE")] == [42.5]
+    assert told == [[42.0], [42.0], []]
+    assert [value.param_value for value in after(bench, read(name), "PARAM_VALUE")] == [42.0]
     assert after(bench, write("NONE_SUCH", 1.0), "PARAM_VALUE") == []
+
+
+def test_an_integer_of_ardupilot_loses_its_fraction_and_one_of_px4_needs_its_type() -> None:
+    bench = as_("ardupilot")
+    assert [v.param_value for v in after(bench, write("EK3_SRC1_POSZ", 2.9), "PARAM_VALUE")] == [2]
+    bench = as_("px4")
+    (refused,) = after(bench, write("EKF2_HGT_REF", 1.0), "PARAM_VALUE")
+    assert parameter_value(refused, mavlink.MAV_AUTOPILOT_PX4) == 0.0
+    as_integer = write("EKF2_HGT_REF", math.ldexp(1.0, -149))
+    as_integer.param_type = mavlink.MAV_PARAM_TYPE_INT32
+    (taken,) = after(bench, as_integer, "PARAM_VALUE")
+    assert parameter_value(taken, mavlink.MAV_AUTOPILOT_PX4) == 1.0
 
 
 def test_a_set_that_is_refused_is_answered_with_the_old_value() -> None:

@@ -59,10 +59,10 @@ def batch(
     settings = resolve_settings(config, estimator, changes)
     compile_first(settings, settings.estimator)
 
-    from companion.replay.batch import find_logs, run_batch
+    from companion.replay.batch import find_logs, other_files, run_batch
     from companion.warmup import warm_up
 
-    logs = find_logs(places)
+    logs, others = find_logs(places), other_files(places)
     if scheduler is None:
         warm_up(settings)  # once, instead of in every worker
     with _counting(len(logs)) as on_done:
@@ -76,6 +76,9 @@ def batch(
             on_done=on_done,
         )
     _show_fleet(table, top)
+    if others:
+        named = ", ".join(f"{suffix} {count}" for suffix, count in sorted(others.items()))
+        print(f"{others.total()} other files are no logs by their names: {named}")
     print(f"wrote {out}/fleet.csv, fleet.parquet, fleet.json and rows/")
     if (out / "index.html").exists():
         print(f"wrote {out}/index.html: a report of each flight")
@@ -108,7 +111,7 @@ def _counting(total: int) -> "Iterator[Callable[..., None]]":
             if not console.is_terminal and (now_s - said_s >= 60.0 or count == total):
                 said_s = now_s
                 left = (total - count) / rate if rate > 0 else 0.0
-                say = f"{count} of {total} logs, {rate * 60:.0f} a minute, {left:.0f} s left"
+                say = f"{count} of {total} logs, {rate * 60:.2g} a minute, {left:.0f} s left"
                 print(say, file=sys.stderr, flush=True)
 
         yield advance
@@ -118,13 +121,23 @@ def _show_fleet(table: "Sequence[dict[str, Any]]", top: int) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    shown = Table("log", "session", "wrong", "m", "verdict", box=None, pad_edge=False)
-    for row in table[:top]:
-        score = f"{row['score_m']:.1f}" if row["score_m"] is not None else ""
-        name, number = Path(row["log"]).name, str(row["session"] or "")
-        shown.add_row(name, number, row["wrong"], score, row["error"] or row["verdict"])
+    shown = Table("log", "session", "wrong", "worst, m", "why", box=None, pad_edge=False)
+    read = [row for row in table if row["error"] is None]
+    for row in read[:top]:
+        shown.add_row(
+            Path(row["log"]).name,
+            str(row["session"]),
+            row["wrong"],
+            f"{row['score_m']:.1f}",
+            row["reason"],
+        )
     console = Console(width=None if sys.stdout.isatty() else 160)
-    console.print(shown)
-    unreadable = sum(row["error"] is not None for row in table)
-    wrong = sum(bool(row["wrong"]) for row in table)
-    print(f"{len(table) - unreadable} sessions, {wrong} with a wrong altitude; {unreadable} unread")
+    if read:
+        console.print(shown)
+    if len(read) > top:
+        print(f"... and {len(read) - top} more (--top N shows more)")
+    for row in table:
+        if row["error"] is not None:
+            print(f"not read: {Path(row['log']).name}: {row['error']}")
+    wrong = sum(bool(row["wrong"]) for row in read)
+    print(f"{len(read)} sessions, {wrong} with a wrong altitude; {len(table) - len(read)} not read")

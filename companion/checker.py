@@ -43,7 +43,7 @@ OBJECTIONS = {
     NO_OBJECTION: "",
     APART: "barometer and GNSS {:.0f} m apart",
     CONTRADICTS: "altitude contradicts the sensors",
-    ELLIPSOID: "GNSS of the ellipsoid? {:.0f} m",
+    ELLIPSOID: "GNSS height in doubt by {:.0f} m (ellipsoid?)",
 }
 
 CHECKER = np.dtype(

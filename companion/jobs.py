@@ -19,7 +19,7 @@ from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from companion.errors import ConfigError
+from companion.errors import ConfigError, KollsmanError
 
 Row = dict[str, Any]
 Job = TypeVar("Job")
@@ -145,7 +145,14 @@ def _outcome(future: "Future[Result]", job: Job) -> Done[Job, Result]:
     except BrokenProcessPool:
         return Done(job, None, KILLED)
     except Exception as error:  # a job that fails is a result, whatever failed
-        return Done(job, None, f"{error}" or type(error).__name__)
+        return Done(job, None, _told(error))
+
+
+def _told(error: Exception) -> str:
+    """One line; what is no error of the environment is an error of the code, and says so."""
+    if isinstance(error, KollsmanError):
+        return str(error)
+    return f"failed, please report it: {type(error).__name__}: {error}"
 
 
 def quietly(function: Function[Job, Result], job: Job) -> Result:

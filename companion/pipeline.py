@@ -196,10 +196,9 @@ class Pipeline:
         self._host_us, identity = host_us, self.identity
         if self.health.age(host_us, lambda: ", ".join(identity.others(host_us - OTHERS_US))):
             self.announcements.health(self.health)
-            vehicle, at_s = identity.vehicle or (0, 0), max(0, self.now_us) * 1e-6
-            identity.tell(
-                f"{vehicle[0]}/{vehicle[1]} lost at {at_s:.1f} s of its clock: {self.health.reason}"
-            )
+            ids = "{}/{}".format(*(identity.vehicle or (0, 0)))
+            since = f"lost at {max(0, self.now_us) * 1e-6:.1f} s of its clock"
+            identity.tell(f"vehicle {ids} {since}: {self.health.reason}")
         messages = self.announcements.due(host_us)
         return self._encode(messages) if messages else []
 

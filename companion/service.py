@@ -217,6 +217,11 @@ class Service:
         )
 
     @property
+    def heard_frames(self) -> int:
+        """MAVLink frames of all senders."""
+        return self.pipeline.decoder.frames
+
+    @property
     def problems(self) -> list[str]:
         """Streams that are slow, missing or refused."""
         return [*self._streaming.problems, *self.pipeline.air.problems]

@@ -24,7 +24,7 @@ from companion.samples import Rows, rows
 
 logger = logging.getLogger("kollsman.intake")
 
-EQUAL = "gives one "
+EQUAL = "gives the same height"
 
 
 class Receiver:
@@ -75,17 +75,20 @@ class Receiver:
         above_m = undulation_m(float(value["latitude_deg"]), float(value["longitude_deg"]))
         if not abs(above_m) >= steps.LEAST_UNDULATION_M:
             return
-        text = f"{EQUAL}height for sea level and ellipsoid, {above_m:.0f} m apart here: "
+        text = (
+            f"{EQUAL} above sea level and above the ellipsoid, which are {abs(above_m):.0f} m "
+            "apart here: "
+        )
         if self._equal_heights == "ellipsoid":
-            self._tell(text + "the ellipsoid's, and corrected")
+            self._tell(text + "it is the ellipsoid's, and was corrected")
             row["altitude_amsl_m"] = value["altitude_ellipsoid_m"] - above_m
             return
         self._simulation.equal_heights(float(value["altitude_amsl_m"]), above_m)
         steps.doubt(self.state, row, above_m)
         if self.state["doubts"][0] == steps.DOUBTS_MIN:
             self._tell(
-                text + "in doubt by as much, set intake.equal_heights "
-                "(sea_level: a simulation without a geoid)"
+                text + "the altitude is in doubt by as much; set intake.equal_heights to "
+                "sea_level (a simulation without a geoid) or ellipsoid, whichever it is"
             )
 
     def _tell(self, text: str) -> None:

@@ -58,7 +58,7 @@ _OTHER_FILES = (
     (b"\x0a\x0d\x0d\x0a", "a network capture (pcapng); record a .tlog instead"),
     (b"\x1f\x8b", "a gzip archive: unpack it first"),
     (b"\xfd7zXZ", "an xz archive: unpack it first"),
-    (b"PK\x03\x04", "a zip archive: unpack it first"),
+    (b"PK\x03\x04", "a zip archive: unpack it first, unless it is a NumPy file (.npz): no log"),
     (b"version https://git-lfs", "a Git LFS pointer: run `git lfs pull`"),
 )
 
@@ -377,5 +377,5 @@ def _describe(head: bytes, counters: Counter[FrameReject]) -> str:
     if counters[FrameReject.TIMESTAMP]:
         return "its frames have impossible times (after the year 3000)"
     if head.isascii() and b"\0" not in head:
-        return "it looks like text"
+        return "it is text without ArduPilot's FMT lines (CSV, JSON and the like are no logs)"
     return "no MAVLink frame of a known dialect was found in it"

@@ -85,9 +85,17 @@ def write_png(canvas: Any, path: Path, colours: int = COLOURS) -> None:
         raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
+MOST_BESIDE = 5
+"""entries of a legend beside the title of its panel"""
+
+
 def legend_outside(axes: Any, **kwargs: Any) -> None:
-    """A legend above the panel, to the right of its title, where no data is."""
-    if axes.get_legend_handles_labels()[1]:
+    """A legend above the panel, where no data is: to the right of the title, or below it where it
+    is long."""
+    labels = axes.get_legend_handles_labels()[1]
+    if labels:
+        if len(labels) > MOST_BESIDE:
+            axes.set_title(axes.get_title(loc="left"), loc="left", pad=15.0)
         options: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncols": 9}
         options |= {
             "borderaxespad": 0.1,

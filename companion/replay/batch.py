@@ -15,6 +15,7 @@ import csv
 import glob
 import hashlib
 import json
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -32,13 +33,14 @@ from companion.replay.run import Replayed, replay
 from companion.replay.schema import document
 from companion.replay.summary import SETTLE_S
 from companion.replay.table import write
+from companion.replay.verdict import badness
 from companion.settings import CompanionSettings
 
 FLEET_COLUMNS = (
-    "log", "session", "wrong", "score_m", "verdict", "vehicle", "start_utc", "duration_s", "health",
-    "reference", "estimate_p95_m", "estimate_max_m", "autopilot_p95_m", "autopilot_max_m",
-    "drift_m", "drift_m_per_h", "gnss_wander_m", "gnss_sd_m", "gnss_share_3d", "satellites",
-    "rows", "report", "error",
+    "log", "session", "wrong", "score_m", "reason", "verdict", "vehicle", "start_utc",
+    "duration_s", "health", "reference", "estimate_p95_m", "estimate_max_m", "autopilot_p95_m",
+    "autopilot_max_m", "drift_m", "drift_m_per_h", "gnss_wander_m", "gnss_sd_m", "gnss_share_3d",
+    "satellites", "rows", "report", "error",
 )  # fmt: skip
 
 
@@ -91,6 +93,14 @@ def find_logs(places: Sequence[str]) -> list[Path]:
     if not logs:
         raise ConfigError(f"no log in {', '.join(places)}; suffixes: {', '.join(sorted(suffixes))}")
     return logs
+
+
+def other_files(places: Sequence[str]) -> Counter[str]:
+    """The files in folders that are no logs by their names: how many of each suffix."""
+    logs = {suffix for known in FORMATS.values() for suffix in known.suffixes}
+    found = (each for place in places if Path(place).is_dir() for each in Path(place).rglob("*"))
+    suffixes = (each.suffix.lower() or "no suffix" for each in found if each.is_file())
+    return Counter(suffix for suffix in suffixes if suffix not in logs)
 
 
 def replay_job(job: BatchJob) -> list[Row]:
@@ -153,7 +163,7 @@ def run_batch(
         on_done=on_done,
     )
     sessions = [row for each in done for row in _rows_of(each)]
-    sessions.sort(key=_badness, reverse=True)
+    sessions.sort(key=_order, reverse=True)
     table = [fleet_row(session) for session in sessions]
     _write_fleet(out, sessions, table)
     if reports:
@@ -176,10 +186,10 @@ def _rows_of(done: Done[BatchJob, list[Row]]) -> list[Row]:
     return [{"log": str(done.job.log), "error": done.error}]
 
 
-def _badness(session: Row) -> tuple[bool, bool, float]:
-    """Wrong altitudes first, by size; what could not be read last."""
-    readable = session["error"] is None
-    return readable, bool(session.get("wrong")), float(session.get("score_m") or 0.0)
+def _order(session: Row) -> tuple[Any, ...]:
+    """The worst first; what could not be read last."""
+    is_read = session["error"] is None
+    return is_read, *(badness(session) if is_read else ())
 
 
 def fleet_row(session: Row) -> Row:

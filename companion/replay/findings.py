@@ -1,6 +1,7 @@
 """What happened in a session, found in its rows: exclusions, and the autopilot's own altitude."""
 
 import math
+from collections.abc import Callable
 from datetime import UTC, datetime
 from itertools import pairwise
 from typing import Any
@@ -29,9 +30,18 @@ COLUMN_SHARE = 0.12
 """of a change of height: what a column of air that is 35 K off makes of it"""
 LEAST_S = 30.0
 """of both altitudes, to tell what the autopilot's follows"""
+ORIGIN_M, START_M = 50.0, 20.0
+"""The autopilot has no origin yet if its altitude is so far from ours, but so near to the height
+above the start."""
 FOLLOWS = 2.0
 """The autopilot's altitude follows a sensor if it keeps its distance to it this many times better
 than to the other one."""
+
+
+Height = Callable[[Array], Array]
+"""The true height, or one that differs from it by a constant, at times in microseconds."""
+Steady = Callable[[float, float], Height | None]
+"""the true height between two times; None where it is not known"""
 
 
 def utc(time_us: int) -> str | None:
@@ -108,7 +118,7 @@ def _size(
 
 def suspicions(recording: Recording) -> list[dict[str, Any]]:
     """When the plausibility check marked a sensor: which, from when to when, and for how long in
-    all."""
+    all; ``off_m``: how far the barometer read above GNSS meanwhile."""
     rows, offset_us = recording.rows, unix_offset_us(recording)
     start_us = recording.ticks()["time_us"][0] if recording.ticks().size else 0
     found = []
@@ -124,23 +134,30 @@ def suspicions(recording: Recording) -> list[dict[str, Any]]:
                     "from_s": (first_us - start_us) * 1e-6,
                     "from_utc": None if offset_us is None else utc(first_us + offset_us),
                     "duration_s": float(steps_s[steps_s < SAME_SPAN_S].sum()),
+                    "off_m": _apart(recording, float(times_us[0]), float(times_us[-1])),
                 }
             )
     return found
 
 
-def parting(recording: Recording, reference: Any) -> dict[str, Any]:
+def _apart(recording: Recording, from_us: float, to_us: float) -> float:
+    """Median of barometer minus GNSS between two times; NaN where one of them is missing."""
+    (gnss_us, gnss_m), (baro_us, baro_m) = recording.track("gnss"), recording.track("baro")
+    apart_m = truth_at(gnss_us, baro_us, baro_m) - gnss_m
+    apart_m = apart_m[(gnss_us >= from_us) & (gnss_us <= to_us) & np.isfinite(apart_m)]
+    return float(np.median(apart_m)) if apart_m.size else math.nan
+
+
+def parting(recording: Recording, steady: Steady) -> dict[str, Any]:
     """The first large change of GNSS minus barometer within `PARTING_S` that weather and a column
-    of air cannot make: ``off_m``, from when to when, and which ``sensor`` moved if there is truth.
+    of air cannot make: ``off_m``, from when to when, and which ``sensor`` moved if it is known.
     Empty where there is none."""
     (gnss_us, gnss_m), (baro_us, baro_m) = recording.track("gnss"), recording.track("baro")
     pressure_m = truth_at(gnss_us, baro_us, baro_m)
     known = np.isfinite(gnss_m - pressure_m)
     if known.sum() < 30:
         return {}
-    us, apart_m, height_m = _medians(
-        gnss_us[known], (gnss_m - pressure_m)[known], pressure_m[known]
-    )
+    us, apart_m, height_m = medians(gnss_us[known], (gnss_m - pressure_m)[known], pressure_m[known])
     found = []
     for lag in range(1, int(PARTING_S / NODE_S) + 1):
         change_m = np.abs(apart_m[lag:] - apart_m[:-lag])
@@ -162,18 +179,20 @@ def parting(recording: Recording, reference: Any) -> dict[str, Any]:
         "to_s": (end_us - start_us) * 1e-6,
         "from_utc": None if offset_us is None else utc(int(begin_us) + offset_us),
         "to_utc": None if offset_us is None else utc(int(end_us) + offset_us),
-        "sensor": _moved(recording, reference, begin_us, end_us),
+        "sensor": _moved(recording, steady(begin_us, end_us), begin_us, end_us),
     }
 
 
-def _moved(recording: Recording, reference: Any, begin_us: float, end_us: float) -> str | None:
-    """The sensor whose error changed more between two instants; None without truth."""
-    if reference.kind != "truth":
+def _moved(
+    recording: Recording, height: Height | None, begin_us: float, end_us: float
+) -> str | None:
+    """The sensor whose error changed more between two instants; None without a known height."""
+    if height is None:
         return None
     moved_m = {}
     for source, name in (("gnss", "gnss"), ("baro", "barometer")):
         times_us, heights_m = recording.track(source)
-        error_m = heights_m - reference.at(times_us)
+        error_m = heights_m - height(times_us)
         ends = [
             np.nanmedian(error_m[np.abs(times_us - at_us) <= 0.5e6 * NODE_S])
             for at_us in (begin_us, end_us)
@@ -182,7 +201,7 @@ def _moved(recording: Recording, reference: Any, begin_us: float, end_us: float)
     return max(moved_m, key=lambda name: moved_m[name])
 
 
-def _medians(us: Array, *values: Array) -> list[Array]:
+def medians(us: Array, *values: Array) -> list[Array]:
     """Medians over nodes of `NODE_S`: of the times, and of each of `values`."""
     node = ((us - us[0]) / (NODE_S * 1e6)).astype(np.int64)
     order = np.argsort(node, kind="stable")
@@ -196,24 +215,43 @@ def _medians(us: Array, *values: Array) -> list[Array]:
 def own_altitude(recording: Recording) -> dict[str, Any]:
     """The autopilot's own altitude: ``above_m``, how far it was above Kollsman's in the last
     `LAST_S`, and the spread ``above_sd_m`` there; ``follows``: "barometer" or "gnss", None where
-    the two cannot be told apart. Empty where it sent none."""
+    the two cannot be told apart; ``without_origin_s``: how long it told its height above the start
+    first. Empty where it sent none."""
     times_us, own_m = recording.track("autopilot")
+    if not times_us.size:
+        return {}
+    without = before_origin(recording)
+    found = {"without_origin_s": (times_us[without - 1] - times_us[0]) * 1e-6 if without else 0.0}
+    times_us, own_m = times_us[without:], own_m[without:]
     ours_us, ours_m = recording.track("published")
     above_m = own_m - truth_at(times_us, ours_us, ours_m)
     known = np.isfinite(above_m)
-    if not times_us.size:
-        return {}
     if not known.any():
-        return {"above_m": math.nan, "above_sd_m": math.nan, "span_s": 0.0, "follows": None}
+        unknown = {"above_m": math.nan, "above_sd_m": math.nan, "span_s": 0.0, "follows": None}
+        return found | unknown
     last_us = times_us[known][-1]
     late = known & (times_us >= last_us - LAST_S * 1e6)
     span_s = (last_us - times_us[late][0]) * 1e-6
-    return {
+    return found | {
         "above_m": float(np.median(above_m[late])),
         "above_sd_m": float(np.std(above_m[late])),
         "span_s": float(span_s),
         "follows": _follows(recording, times_us, own_m),
     }
+
+
+def before_origin(recording: Recording) -> int:
+    """How many of the autopilot's first altitudes are heights above its start: it does not know how
+    high that is before GNSS has given it an origin."""
+    times_us, own_m = recording.track("autopilot")
+    ours_us, ours_m = recording.track("estimate")
+    baro_us, baro_m = recording.track("baro")
+    if not times_us.size or not ours_us.size or not baro_us.size:
+        return 0
+    off_m = own_m - np.interp(times_us, ours_us, ours_m)
+    start_m = own_m - (np.interp(times_us, baro_us, baro_m) - baro_m[0])
+    without = (np.abs(off_m) > ORIGIN_M) & (np.abs(start_m) < START_M)
+    return int(times_us.size if without.all() else np.argmin(without))
 
 
 def _follows(recording: Recording, times_us: Array, own_m: Array) -> str | None:

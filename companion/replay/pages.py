@@ -68,7 +68,7 @@ def write_index(path: Path, title: str, rows: Sequence[dict[str, Any]]) -> None:
     ``session`` (of the report schema) or ``error`` each. Raises `ConfigError`."""
     context = {
         "title": title,
-        "about": f"{len(rows)} flights, the largest difference first.",
+        "about": f"{len(rows)} flights: wrong altitudes first, then by the gravest finding.",
         "rows": [_row(each) for each in rows],
         "footer": FOOTER,
     }
@@ -81,7 +81,7 @@ def _row(row: dict[str, Any]) -> dict[str, Any]:
         return head | {"verdict": row["error"], "score": "", "minutes": "", "start": ""}
     session = row["session"]
     return head | {
-        "verdict": session["verdict"],
+        "verdict": session["reason"],
         "score": f"{session['score_m']:.1f}",
         "minutes": f"{session['duration_s'] / 60.0:.1f}",
         "start": (session["start_utc"] or "")[:16].replace("T", " "),

@@ -62,7 +62,8 @@ class Recording:
         self._count = 0
         self._chosen: dict[Kind, tuple[int, Rows]] = {}
         """kind -> number of rows, and those of the first sensor among them"""
-        self._heights: dict[bool, list[tuple[int, float, float]]] = {True: [], False: []}
+        self._heights: dict[bool, list[Rows]] = {True: [], False: []}
+        """HEIGHT rows in pieces: of the truth, and of the autopilot"""
         self.published_count = 0
         """ALTITUDE messages of ours"""
         self.armed: list[tuple[int, bool]] = []
@@ -107,7 +108,8 @@ class Recording:
         kinds, places = np.asarray(order["kind"]), np.asarray(order["row"])
         self.published_count += block.published
         for heights, is_truth in ((block.truth, True), (block.autopilot, False)):
-            self._heights[is_truth] += heights.tolist()
+            if heights.size:
+                self._heights[is_truth].append(heights)
         first = block.instances == 0
         self._sampled.append((kinds[first] << SECONDS_BITS) + block.times_us[first] // 1_000_000)
         status = tables.status[places[kinds == Kind.STATUS]]
@@ -144,10 +146,10 @@ class Recording:
         return rows
 
     def truth(self, time_us: int, altitude_amsl_m: float, climb_mps: float) -> None:
-        self._heights[True].append((time_us, altitude_amsl_m, climb_mps))
+        self._heights[True].append(np.array([(time_us, altitude_amsl_m, climb_mps)], HEIGHT))
 
     def autopilot(self, time_us: int, altitude_amsl_m: float, climb_mps: float) -> None:
-        self._heights[False].append((time_us, altitude_amsl_m, climb_mps))
+        self._heights[False].append(np.array([(time_us, altitude_amsl_m, climb_mps)], HEIGHT))
 
     def published(self, message: Message) -> None:
         self.published_count += 1
@@ -171,7 +173,8 @@ class Recording:
 
     def heights(self, *, truth: bool) -> NDArray[Any]:
         """HEIGHT rows of a simulator's truth, or of the autopilot's own."""
-        return np.array(self._heights[truth], HEIGHT)
+        pieces = self._heights[truth]
+        return np.concatenate(pieces) if pieces else np.zeros(0, HEIGHT)
 
     def of(self, kind: Kind) -> Rows:
         """Rows of the first sensor of a kind; of GNSS only fixes."""

@@ -175,6 +175,10 @@ def _link(session: dict[str, Any], curves: Curves, damage: Mapping[str, int]) ->
     rows += [
         [_head("left out"), f"{cause}: {count}"] for cause, count in session["left_out"].items()
     ]
+    rows += [
+        [_head("could not be read", "Junk in bytes, others in frames."), f"{cause}: {count}"]
+        for cause, count in damage.items()
+    ]
     rows += [[_head("note"), note] for note in session["notes"]]
     header = [_head("link"), _head("what was found", text=True)]
     return {"title": "Link", "tip": "", "header": header, "rows": rows}

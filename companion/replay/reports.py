@@ -6,6 +6,7 @@ from companion.errors import ConfigError
 from companion.replay.curves import curves_of
 from companion.replay.pages import write_index, write_report
 from companion.replay.run import Replayed
+from companion.replay.verdict import badness
 
 SUFFIXES = (".html", ".png")
 
@@ -46,7 +47,7 @@ def write_reports(found: Replayed, path: Path, name: str) -> list[Path]:
         rows.append({"name": title, "href": file.name, "session": session, "error": None})
     if path.suffix.lower() == ".png":
         return written
-    rows.sort(key=lambda row: row["session"]["score_m"], reverse=True)
+    rows.sort(key=lambda row: badness(row["session"]), reverse=True)
     write_index(path, name, rows)
     return [path, *written]
 

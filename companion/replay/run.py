@@ -9,6 +9,7 @@ from typing import Any
 from companion.evaluation.smoother import Smoothed, smooth
 from companion.logs import LogReader, open_log
 from companion.logs.tables import TableReader
+from companion.mavlink.codec import FrameReject
 from companion.observer import Observer
 from companion.pipeline import Pipeline
 from companion.replay.record import Recording
@@ -80,6 +81,7 @@ def replay(
         for session in sessions:
             session.seen.events.recorded(reader.tables.modes, reader.tables.texts)
     summaries, smoothed, references = [], [], []
+    unreadable = reader.counters[FrameReject.JUNK] / max(1, reader.size_bytes)
     for number, session in enumerate(sessions, 1):
         reference = reference_of(session.seen)
         references.append(reference)
@@ -88,7 +90,9 @@ def replay(
             if smoothing and not reference.smoothed
             else reference.smoothed
         )
-        summaries.append(summarise(session, number, settings.estimator, settle_s, reference))
+        summaries.append(
+            summarise(session, number, settings.estimator, settle_s, reference, unreadable)
+        )
         session.seen.release()
     report = document("replay", str(path), summaries, **_file(reader, started_s))
     return Replayed(sessions, report, smoothed, references)

@@ -17,7 +17,8 @@ SESSION_KEYS = (
     "session", "vehicle", "autopilot", "start_utc", "start_vehicle_utc", "start_boot_s",
     "duration_s", "after_reboot", "estimator", "settle_s", "health", "notes", "samples",
     "left_out", "suspect", "altitude", "exclusions", "suspicions", "parting", "gnss", "barometer",
-    "own_altitude", "reference", "sources", "wrong", "score_m", "findings", "verdict",
+    "own_altitude", "reference", "sources", "wrong", "score_m", "findings", "reason",
+    "verdict", "at_rest", "unreadable",
 )  # fmt: skip
 """of a session of replay, batch and the live state"""
 ALTITUDE_KEYS = (

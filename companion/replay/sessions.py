@@ -146,7 +146,7 @@ class _Splitter(Generic[Seen]):
         session.samples = {kind: now.samples[kind] - base.samples[kind] for kind in Kind}
         session.left_out = now.left_out - base.left_out
         session.heard = now.heard - base.heard
-        session.notes = [*pipeline.identity.notes, *pipeline.intake.notes]
+        session.notes = [*pipeline.identity.notes[base.notes :], *pipeline.intake.notes]
         session.health, session.reason = pipeline.health.health.name, pipeline.health.reason
         if session.has_height:
             self.sessions.append(session)
@@ -202,6 +202,7 @@ class _Counts:
     samples: dict[Kind, Counter[Verdict]]
     left_out: Counter[str]
     heard: Counter[int]
+    notes: int
 
 
 def _counts(pipeline: Pipeline) -> _Counts:
@@ -209,7 +210,8 @@ def _counts(pipeline: Pipeline) -> _Counts:
         kind: Counter(dict(zip(Verdict, pipeline.verdicts[kind], strict=True))) for kind in Kind
     }
     left_out = Counter({str(cause): n for cause, n in pipeline.intake.counters.items()})
-    return _Counts(samples, left_out, Counter(pipeline.heard))
+    notes = len(pipeline.identity.notes)
+    return _Counts(samples, left_out, Counter(pipeline.heard), notes)
 
 
 def sessions_of(
@@ -244,10 +246,11 @@ def sessions_of(
             found += _pass(reader, other, observe, make, None, None).sessions
     found = [each for each in found if each.vehicle is not None] or found
     if not found:
-        told = "; ".join(first.pipeline.identity.notes) or "no vehicle"
-        heard = f"vehicle {latched[0]}/{latched[1]}" if latched else told
+        told = "; ".join(first.pipeline.identity.notes) or "no vehicle is heard"
+        if latched:
+            told = f"vehicle {latched[0]}/{latched[1]} sends none"
         raise LogFormatError(
-            f"{reader.path}: nothing usable in it: {heard}, no barometer and no GNSS height"
+            f"{reader.path}: nothing usable in it: no barometer and no GNSS height; {told}"
         )
     return found
 

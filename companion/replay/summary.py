@@ -16,7 +16,17 @@ from companion.evaluation.integrity import coverage
 from companion.evaluation.metrics import Array, errors, truth_at
 from companion.evaluation.smoother import Smoothed, smooth
 from companion.mavlink.codec import FrameReject
-from companion.replay.findings import exclusions, own_altitude, parting, suspicions, utc
+from companion.replay.availability import at_rest, availability
+from companion.replay.findings import (
+    Height,
+    Steady,
+    before_origin,
+    exclusions,
+    own_altitude,
+    parting,
+    suspicions,
+    utc,
+)
 from companion.replay.record import Recording
 from companion.replay.sessions import Session
 from companion.replay.verdict import verdict
@@ -69,8 +79,10 @@ def summarise(
     estimator: str,
     settle_s: float = SETTLE_S,
     reference: Reference | None = None,
+    unreadable: float = 0.0,
 ) -> dict[str, Any]:
-    """One object of ``sessions``: JSON-ready, unknown is None."""
+    """One object of ``sessions``: JSON-ready, unknown is None. `unreadable` is the share of the
+    file that could not be read."""
     recording = session.seen
     reference = reference or reference_of(recording)
     ticks = recording.ticks()
@@ -78,6 +90,8 @@ def summarise(
     last_us = int(ticks["time_us"][-1]) if ticks.size else 0
     settle_s = min(settle_s, 0.5 * (last_us - first_us) * 1e-6)  # a short session has half of it
     start_us = first_us + settle_s * 1e6
+    steady = _steady(recording, reference)
+    height = steady(first_us, last_us)
     found: dict[str, Any] = {
         "session": number,
         "vehicle": "/".join(map(str, session.vehicle)) if session.vehicle else None,
@@ -89,11 +103,9 @@ def summarise(
         "after_reboot": session.rebooted,
         "estimator": estimator,
         "settle_s": settle_s,
-        "health": {
-            "at_end": session.health,
-            "reason": session.reason,
-            "share": recording.health_shares(),
-        },
+        "health": _health(session, ticks),
+        "at_rest": _moved(recording, start_us) if height is np.zeros_like else None,
+        "unreadable": unreadable,
         "notes": session.notes,
         "samples": _samples(session),
         "left_out": {cause: n for cause, n in session.left_out.items() if n},
@@ -101,14 +113,45 @@ def summarise(
         "altitude": _altitude(recording, ticks, start_us),
         "exclusions": exclusions(recording, ticks),
         "suspicions": suspicions(recording),
-        "parting": parting(recording, reference),
-        "gnss": _gnss(recording, reference, start_us),
-        "barometer": _barometer(recording, reference),
+        "parting": parting(recording, steady),
+        "gnss": _gnss(recording, height or reference.at, start_us),
+        "barometer": _barometer(recording, height or reference.at)
+        | {"compared_with": "gnss" if height is None else "height"},
         "own_altitude": own_altitude(recording),
         "reference": {"kind": reference.kind, "sd_m": reference.sd_m},
         "sources": _sources(recording, reference, start_us),
     }
     found |= verdict(found)
+    return found
+
+
+def _steady(recording: Recording, reference: Reference) -> Steady:
+    """The true height between two times, but for a constant: the truth, or that of a vehicle at
+    rest."""
+
+    def steady(from_us: float, to_us: float) -> Height | None:
+        if reference.kind == "truth":
+            return reference.at
+        return np.zeros_like if at_rest(recording, from_us, to_us) else None
+
+    return steady
+
+
+def _health(session: Session[Recording], ticks: Rows) -> dict[str, Any]:
+    shares = session.seen.health_shares()
+    found = {"at_end": session.health, "reason": session.reason, "share": shares}
+    return found | availability(session.seen, ticks)
+
+
+def _moved(recording: Recording, start_us: float) -> dict[str, Any]:
+    """Range of our altitude and of the autopilot's, from the settling time on."""
+    found: dict[str, Any] = {}
+    for name in ("published", "autopilot"):
+        times_us, altitude_m = recording.track(name)
+        late = times_us >= start_us
+        if name == "autopilot":
+            late[: before_origin(recording)] = False
+        found[name] = float(np.ptp(altitude_m[late])) if late.any() else None
     return found
 
 
@@ -151,7 +194,7 @@ def _altitude(recording: Recording, ticks: Rows, start_us: float) -> dict[str, A
     }
 
 
-def _gnss(recording: Recording, reference: Reference, start_us: float) -> dict[str, Any]:
+def _gnss(recording: Recording, height: Height, start_us: float) -> dict[str, Any]:
     rows = recording.rows
     fixes = rows[(np.asarray(rows["kind"]) == Kind.GNSS) & (np.asarray(rows["instance"]) == 0)]
     if not fixes.size:
@@ -160,22 +203,32 @@ def _gnss(recording: Recording, reference: Reference, start_us: float) -> dict[s
     found: dict[str, Any] = {
         "fixes": int(fixes.size),
         "share_3d": float(with_fix.mean()),
+        "first_3d_s": _first_fix_s(recording, fixes, with_fix),
         "median_sd_m": _median(np.asarray(fixes["gnss_sd_m"])[with_fix]),
         "median_satellites": _median(np.asarray(fixes["satellites"])[with_fix]),
     }
     times_us, altitude_m = recording.track("gnss")
     late = times_us >= start_us
-    differences = errors(altitude_m[late], reference.at(times_us[late]))
+    differences = errors(altitude_m[late], height(times_us[late]))
     return found | {"wander_m": differences.unbiased_rmse_m if differences else math.nan}
 
 
-def _barometer(recording: Recording, reference: Reference) -> dict[str, Any]:
+def _first_fix_s(recording: Recording, fixes: Rows, with_fix: Any) -> float:
+    """Time of the first 3D fix after the first height; NaN without one."""
+    ticks = recording.ticks()
+    if not with_fix.any() or not ticks.size:
+        return math.nan
+    first_us = int(fixes["time_us"][int(np.argmax(with_fix))])
+    return (first_us - int(ticks["time_us"][0])) * 1e-6
+
+
+def _barometer(recording: Recording, height: Height) -> dict[str, Any]:
     """How the barometer's offset to the reference moved: over the session, and in an hour."""
     times_us, height_m = recording.track("baro")
-    offset_m = height_m - reference.at(times_us)
+    offset_m = height_m - height(times_us)
     known = np.isfinite(offset_m)
     if known.sum() < 10:
-        return {}
+        return {"drift_m": None, "drift_m_per_h": None, "range_m": None}
     offset_m, time_s = offset_m[known], times_us[known] * 1e-6
     span_s = time_s[-1] - time_s[0]
     part = max(1, offset_m.size // 20)
@@ -190,6 +243,8 @@ def _sources(recording: Recording, reference: Reference, start_us: float) -> dic
     for name, label in SOURCES.items():
         times_us, altitude_m = recording.track(name)
         late = times_us >= start_us
+        if name == "autopilot":
+            late[: before_origin(recording)] = False
         differences = errors(altitude_m[late], reference.at(times_us[late]))
         if differences is not None:
             found[name] = {"label": label, **differences.as_dict()}

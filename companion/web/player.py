@@ -111,7 +111,7 @@ class Player:
         self.link, self.clock, self.settings = _Log(path), clock, settings
         self.number = 0
         """of the session, from 1"""
-        self.published = self.sent_frames = self.outdated = 0
+        self.published = self.sent_frames = self.heard_frames = self.outdated = 0
         self.problems: list[str] = []
         self.texts: deque[Text] = deque(maxlen=KEPT_TEXTS)
         self.pipeline: Pipeline
@@ -160,6 +160,7 @@ class Player:
             self.sent_frames += 1
             self.published += frame.message_id == ALTITUDE
         else:
+            self.heard_frames += 1
             self._traffic.take([frame], self.clock.now_us())
         if frame.message_id == STATUSTEXT:
             self._keep_text(frame, "Kollsman" if is_ours else "vehicle")

@@ -75,6 +75,9 @@ class Shown(Protocol):
     @property
     def problems(self) -> list[str]: ...
 
+    @property
+    def heard_frames(self) -> int: ...
+
     def traffic(self) -> Mapping[str, Traffic]: ...
 
     def rejected(self) -> dict[str, int]: ...
@@ -231,7 +234,7 @@ class Snapshots:
 
     def _live(self, now_us: int) -> dict[str, Any]:
         """The keys that only a running service has."""
-        service, pipeline = self._service, self._service.pipeline
+        service = self._service
         return {
             "now": self._now(now_us),
             "problems": service.problems,
@@ -243,7 +246,7 @@ class Snapshots:
             ],
             "link": {
                 "state": service.link.state.name.lower(),
-                "frames": pipeline.decoder.frames,
+                "frames": service.heard_frames,
                 "sent": service.sent_frames,
                 "outdated": service.outdated,
                 "traffic": {url: each.as_dict() for url, each in service.traffic().items()},

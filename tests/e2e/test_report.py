@@ -11,6 +11,9 @@ import numpy as np
 import pytest
 
 from companion.errors import ConfigError
+from companion.logs.tlog import TlogReader, TlogWriter
+from companion.mavlink.codec import Encoder, mavlink
+from companion.replay.curves import curves_of
 from companion.replay.reports import check, write_reports
 from companion.replay.run import Replayed, replay
 from companion.samples import Kind
@@ -69,6 +72,30 @@ def test_the_page_holds_every_sample(page: Path, replayed: Replayed) -> None:
     assert {"qnh", "offsets", "weather", "accuracy", "fix", "innovation", "rates", "link"} <= set(
         names
     )
+
+
+def test_the_signal_of_a_telemetry_radio_is_a_curve(tmp_path: Path) -> None:
+    """Of two sessions in one file, each has its own."""
+    radio = Encoder(51, 68)
+    log = tmp_path / "radio.tlog"
+    with TlogWriter(log) as writer:
+        for number, start_us in enumerate((1_600_000_000_000_000, 1_600_000_900_000_000)):
+            part = tmp_path / f"{number}.tlog"
+            logfiles.write_tlog(part, flights.flight(**(SMALL | {"duration_s": 20.0})))
+            for k, packet in enumerate(TlogReader(part)):
+                writer.write(start_us + k * 10_000, packet.data)
+                if k % 100 == 0:
+                    level = 200 - 50 * number
+                    status = mavlink.MAVLink_radio_status_message(level, 255, 90, 43, 45, 7, 3)
+                    writer.write(start_us + k * 10_000 + 1, radio.encode(status))
+    found = replay(log)
+    levels = []
+    for session, reference in zip(found.sessions, found.references, strict=True):
+        columns = curves_of(session, reference).tables["radio"]
+        assert columns["t"].size > 3
+        assert np.isnan(columns["remote_rssi"]).all()
+        levels.append(set(columns["rssi"].tolist()))
+    assert levels == [{200.0}, {150.0}]
 
 
 def test_a_name_with_markup_stays_text(replayed: Replayed, tmp_path: Path) -> None:
@@ -180,6 +207,63 @@ def _zooms_together(tab: Any) -> None:
     tab.click("button[data-do=whole]")
     spans = tab.evaluate("flightView.charts.map(c => c.scales.x.max - c.scales.x.min)")
     assert spans == pytest.approx([whole_s] * len(spans))
+
+
+@pytest.mark.slow
+def test_fingers_zoom_and_move_the_charts_and_scroll_the_page(browser: Any, page: Path) -> None:
+    context = browser.new_context(
+        viewport={"width": 390, "height": 800}, has_touch=True, is_mobile=True
+    )
+    tab = context.new_page()
+    tab.goto(page.as_uri())
+    tab.wait_for_selector("body[data-ready]")
+    chart = tab.locator("#panel-altitude .u-over")
+    chart.scroll_into_view_if_needed()
+    box, screen = chart.bounding_box(), context.new_cdp_session(tab)
+
+    def drag(*fingers: tuple[tuple[float, float], tuple[float, float]]) -> tuple[float, float]:
+        """Move each finger from one place to another, in shares of the chart; the zoom after."""
+        for step in range(11):
+            points = [
+                {
+                    "x": box["x"] + box["width"] * (x0 + (x1 - x0) * step / 10),
+                    "y": box["y"] + box["height"] * (y0 + (y1 - y0) * step / 10),
+                    "id": number,
+                }
+                for number, ((x0, y0), (x1, y1)) in enumerate(fingers)
+            ]
+            kind = "touchMove" if step else "touchStart"
+            screen.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+        screen.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+        tab.wait_for_timeout(300)
+        low, high = tab.evaluate("[flightView.range().min, flightView.range().max]")
+        return low, high
+
+    start, end = tab.evaluate("[flightView.range().min, flightView.range().max]")
+    third = drag(((0.4, 0.3), (0.2, 0.3)), ((0.6, 0.3), (0.8, 0.3)))
+    assert third[1] - third[0] == pytest.approx((end - start) / 3.0, rel=0.05)
+    moved = drag(((0.7, 0.3), (0.4, 0.3)))
+    assert moved[0] - third[0] == pytest.approx(0.3 * (third[1] - third[0]), rel=0.1)
+    before = tab.evaluate("scrollY")
+    assert drag(((0.5, 0.9), (0.5, 0.1))) == moved
+    assert tab.evaluate("scrollY") > before + 50
+    context.close()
+
+
+@pytest.mark.slow
+def test_on_paper_the_charts_are_whole(browser: Any, page: Path) -> None:
+    tab = browser.new_page(viewport={"width": 1280, "height": 900})
+    tab.goto(page.as_uri())
+    tab.wait_for_selector("body[data-ready]")
+    tab.emulate_media(media="print")
+    tab.set_viewport_size({"width": 680, "height": 960})
+    tab.evaluate("flightView.charts.forEach(chart => chart.setSize({width: 1140, height: 170}))")
+    widths = (
+        "[...document.querySelectorAll('.panel canvas')].map(c => c.getBoundingClientRect().width)"
+    )
+    assert max(tab.evaluate(widths)) <= 680
+    assert tab.locator("#bar").is_hidden()
+    tab.close()
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from companion.replay.verdict import verdict
+from companion.replay.verdict import badness, verdict
 
 
 def summary(**changes: Any) -> dict[str, Any]:
@@ -14,22 +14,34 @@ def summary(**changes: Any) -> dict[str, Any]:
         "autopilot": "ArduPilot",
         "duration_s": 2400.0,
         "notes": [],
-        "health": {"at_end": "OK", "reason": "", "share": {"OK": 1.0, "LOST": 0.0}},
+        "health": {"at_end": "OK", "reason": "", "first_s": 1.0, "lost": []},
+        "at_rest": None,
+        "unreadable": 0.0,
         "altitude": {"estimates": 1000, "median_sd_m": 1.05},
         "exclusions": [],
         "suspicions": [],
         "parting": {},
         "gnss": {"fixes": 1000, "share_3d": 1.0, "wander_m": 1.0, "median_sd_m": 2.0},
-        "barometer": {"drift_m": 1.0, "range_m": 2.0},
-        "own_altitude": {"above_m": 0.4, "above_sd_m": 0.1, "span_s": 60.0, "follows": "barometer"},
+        "barometer": barometer(1.0, 2.0),
+        "own_altitude": own(0.4),
         "reference": {"kind": "smoother", "sd_m": 0.8},
         "sources": {},
     }
     return found | changes
 
 
+def barometer(drift_m: float, range_m: float, compared_with: str = "height") -> dict[str, Any]:
+    return {"drift_m": drift_m, "range_m": range_m, "compared_with": compared_with}
+
+
 def own(above_m: float, follows: str | None = "barometer") -> dict[str, Any]:
-    return {"above_m": above_m, "above_sd_m": 0.1, "span_s": 60.0, "follows": follows}
+    return {
+        "above_m": above_m,
+        "above_sd_m": 0.1,
+        "span_s": 60.0,
+        "follows": follows,
+        "without_origin_s": 0.0,
+    }
 
 
 def excluded(**changes: Any) -> dict[str, Any]:
@@ -54,10 +66,23 @@ def test_a_good_flight_needs_two_sentences() -> None:
 
 
 def test_a_drift_is_told_with_its_time() -> None:
-    found = verdict(summary(barometer={"drift_m": 14.2, "range_m": 14.6}))
+    found = verdict(summary(barometer=barometer(14.2, 14.6)))
     assert "The barometer drifted +14 m in 40 minutes." in found["verdict"]
-    there_and_back = verdict(summary(barometer={"drift_m": -2.0, "range_m": 38.0}))
+    there_and_back = verdict(summary(barometer=barometer(-2.0, 38.0)))
     assert "moved through 38 m in 40 minutes and ended -2 m" in there_and_back["verdict"]
+
+
+def test_without_truth_a_drift_is_one_against_gnss() -> None:
+    """Either of the two may have moved."""
+    found = verdict(summary(barometer=barometer(14.2, 14.6, "gnss")))
+    assert "The barometer drifted +14 m against GNSS in 40 minutes." in found["verdict"]
+    there_and_back = verdict(summary(barometer=barometer(-2.0, 38.0, "gnss")))
+    assert "The barometer's difference to GNSS moved through 38 m" in there_and_back["verdict"]
+    rest = verdict(
+        summary(barometer=barometer(6.2, 6.6), at_rest={"published": 7.2, "autopilot": 0.4})
+    )
+    assert "Kollsman's altitude moved through 7 m while the vehicle stood" in rest["verdict"]
+    assert "drifted +6 m in 40 minutes while the vehicle stood still." in rest["verdict"]
 
 
 def test_an_excluded_jump_has_its_time_and_duration() -> None:
@@ -90,10 +115,15 @@ def test_sensors_that_part_without_an_exclusion() -> None:
         "to_utc": "2026-01-01T00:12:20+00:00",
         "sensor": None,
     }
-    assert "one of them was wrong" in verdict(summary(parting=parted))["verdict"]
-    assert "GNSS was wrong" in verdict(summary(parting=parted | {"sensor": "gnss"}))["verdict"]
+    doubt = verdict(summary(parting=parted))["verdict"]
+    assert "one of them was wrong" in doubt
+    assert "Find out which" in doubt
+    assert "Change nothing because of this session alone." in doubt
+    gnss = verdict(summary(parting=parted | {"sensor": "gnss"}))["verdict"]
+    assert "GNSS was wrong. Look for interference" in gnss
     told = verdict(summary(parting=parted, exclusions=[excluded(from_s=600.0)]))
     assert "parted" not in told["verdict"]  # the exclusion tells it
+    assert "nothing to change" in told["verdict"]
 
 
 @pytest.mark.parametrize(
@@ -108,6 +138,7 @@ def test_sensors_that_part_without_an_exclusion() -> None:
         ),
         ("PX4", "barometer", 10.0, "Change SENS_BARO_QNH by -1.2 hPa"),  # 8.4 m are 1 hPa
         ("ArduPilot", "gnss", 14.2, "a barometer parameter changes nothing"),
+        ("ArduPilot", "barometer", -590.0, "more than weather: check its origin"),
     ],
 )
 def test_what_to_change(autopilot: str, follows: str | None, above_m: float, text: str) -> None:
@@ -118,12 +149,80 @@ def test_what_to_change(autopilot: str, follows: str | None, above_m: float, tex
 def test_no_advice_from_too_little() -> None:
     short = verdict(summary(duration_s=30.0))
     assert "the estimate had no time to settle" in short["verdict"]
-    assert "Not enough data to say whether the autopilot needs a change." in short["verdict"]
-    health = {"at_end": "LOST", "reason": "no usable height for 5 s", "share": {"LOST": 0.8}}
-    lost = verdict(summary(health=health))
-    assert "The altitude was lost for 80% of the session: no usable height" in lost["verdict"]
-    assert "no advice" in lost["verdict"]
+    assert "Too short to say whether the autopilot needs a change" in short["verdict"]
     assert "no altitude of its own" in verdict(summary(own_altitude={}))["verdict"]
+
+
+def health(first_s: float | None, *lost: dict[str, Any]) -> dict[str, Any]:
+    return {"at_end": "LOST", "reason": "uncertain by 99 m", "first_s": first_s, "lost": list(lost)}
+
+
+def lost_for(duration_s: float, *, silent: bool = False) -> dict[str, Any]:
+    return {"from_s": 50.0, "from_utc": None, "duration_s": duration_s, "silent": silent}
+
+
+def test_a_session_without_any_altitude_says_why_and_what_to_do() -> None:
+    gnss = {"fixes": 100, "share_3d": 0.0, "median_sd_m": math.nan, "wander_m": math.nan}
+    found = verdict(summary(health=health(None), gnss=gnss))
+    assert found["verdict"].startswith(
+        "No altitude in all of the session: GNSS never had a 3D fix. "
+    )
+    assert "give air.qnh_hpa or air.field_elevation_m" in found["verdict"]
+    assert found["reason"] == found["findings"][0]["text"]
+    other = verdict(summary(health=health(None)))
+    assert "No altitude in all of the session: uncertain by 99 m." in other["verdict"]
+    nothing = verdict(summary(health=health(None), altitude={"estimates": 0}))
+    assert "there is no usable barometer or GNSS height" in nothing["verdict"]
+
+
+def test_an_altitude_that_begins_late_or_is_lost_is_told_with_its_time() -> None:
+    gnss = summary()["gnss"] | {"first_3d_s": 21.0}
+    assert "begins" not in verdict(summary(health=health(23.0), gnss=gnss))["verdict"]
+    late = verdict(summary(health=health(23.0), gnss=gnss, duration_s=100.0))
+    assert (
+        "The altitude begins 23 s after the start of the session, as GNSS had no 3D fix for 21 s."
+        in late["verdict"]
+    )
+    once = verdict(summary(health=health(1.0, lost_for(12.0))))
+    assert "The altitude was lost for 12 s, 50 s after the start." in once["verdict"]
+    silent = lost_for(12.0, silent=True)
+    twice = verdict(summary(health=health(1.0, silent, silent)))
+    assert "lost 2 times for 24 s in all because no sensor data came, first" in twice["verdict"]
+
+
+def test_an_autopilot_without_an_origin_is_told_instead_of_a_wrong_altitude() -> None:
+    found = verdict(summary(own_altitude=own(0.4) | {"without_origin_s": 80.0}))
+    assert "For the first 80 s the autopilot sent its height above the start" in found["verdict"]
+    assert not found["wrong"]
+
+
+def test_the_gravest_finding_is_the_reason_and_the_order() -> None:
+    fine, drift = summary(), summary(barometer=barometer(14.2, 14.6))
+    assert verdict(drift)["reason"] == "The barometer drifted +14 m in 40 minutes."
+    worst: dict[str, Any] = {"published": {"p95_m": 50.0, "max_m": 60.0, "rmse_m": 2.0}}
+    wrong = drift | {"sources": worst}
+    told = verdict(wrong)["reason"]
+    assert told.startswith("Kollsman's altitude differed from the smoothed altitude by up to 60 m")
+    assert told.endswith("The barometer drifted +14 m in 40 minutes.")
+    orders = [badness(each | verdict(each)) for each in (wrong, drift, fine)]
+    assert orders == sorted(orders, reverse=True)
+
+
+def test_at_most_three_notes_are_sentences() -> None:
+    found = verdict(summary(notes=[f"vehicle {k}/1 lost" for k in range(6)], unreadable=0.105))
+    assert (
+        "Vehicle 0/1 lost. Vehicle 1/1 lost. Vehicle 2/1 lost. Further notes in the tables: 3."
+        in found["verdict"]
+    )
+    assert "10% of the file is zeros or junk." in found["verdict"]
+
+
+def test_a_suspect_sensor_is_told_with_its_size() -> None:
+    span = {"sensor": "barometer", "from_s": 3.0, "from_utc": None, "duration_s": 490.0}
+    found = verdict(summary(suspicions=[span | {"off_m": 5310.2}]))
+    assert "The barometer contradicted GNSS by +5310 m, beyond any weather" in found["verdict"]
+    found = verdict(summary(suspicions=[span | {"sensor": "gnss", "off_m": -0.3}]))
+    assert "GNSS contradicted the barometer beyond any weather, first 3 s" in found["verdict"]
 
 
 def test_an_error_beyond_the_reported_accuracy_is_told() -> None:
@@ -137,5 +236,5 @@ def test_an_error_beyond_the_reported_accuracy_is_told() -> None:
 
 
 def test_a_receiver_without_any_fix() -> None:
-    none = {"fixes": 100, "share_3d": 0.0, "median_sd_m": math.nan}
+    none = {"fixes": 100, "share_3d": 0.0, "median_sd_m": math.nan, "wander_m": math.nan}
     assert "GNSS never had a 3D fix." in verdict(summary(gnss=none))["verdict"]

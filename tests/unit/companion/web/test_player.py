@@ -85,6 +85,7 @@ def test_the_state_has_the_schema_and_the_figures_of_the_replay(form: str, tmp_p
     assert session["sensors"]["pressure"]["rate_hz"] == pytest.approx(5.0, abs=1.0)
     assert session["sensors"]["pressure"]["age_s"] < 1.0
     assert session["altitude"]["published"] == player.published > 100
+    assert session["link"]["frames"] > 500
     assert any(each["from"] == "Kollsman" for each in session["texts"])
     rows = json.loads(b"".join(board.history()))["rows"]
     assert len(rows) > 100

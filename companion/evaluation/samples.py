@@ -58,7 +58,7 @@ class Sampler(Pipeline):
         super().__init__(settings, datagrams=True, observer=observer, sends=False)
 
     def _sample(self, kind: Kind, row: Rows) -> list[bytes]:
-        known = self.air.follow(kind, row, self.now_us)
+        known = self.air.follow(kind, row, self.now_us, self.estimate)
         if known is not None:
             self._sample(Kind.AIR, self.intake.air(known, row))
         self.identity.measured(kind)

@@ -19,7 +19,7 @@ from companion.known_air import AirSettings, KnownAir
 from companion.mavlink import convert
 from companion.mavlink.codec import Decoder, Frame, Message, mavlink
 from companion.mavlink.commands import Commands
-from companion.mavlink.identity import Origin
+from companion.mavlink.identity import OURSELVES, VEHICLE, Origin
 from companion.mavlink.outputs import Outputs, heartbeat, intervals
 from companion.mavlink.own_heights import own_heights
 from companion.mavlink.parameters import Parameters
@@ -41,7 +41,7 @@ ALTITUDE = mavlink.MAVLINK_MSG_ID_ALTITUDE
 GLOBAL_POSITION_INT = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 PARAM_VALUE = mavlink.MAVLINK_MSG_ID_PARAM_VALUE
 DATA_STREAM = mavlink.MAVLINK_MSG_ID_REQUEST_DATA_STREAM
-FORGERIES = frozenset({Origin.FORGED, Origin.ELSEWHERE})
+FORGERIES = (Origin.FORGED, Origin.ELSEWHERE)
 OTHERS_US = 5_000_000
 
 
@@ -236,8 +236,7 @@ class Pipeline:
         self._host_us = arrival_us
         sent: list[bytes] = []
         for frame in frames:
-            sent += self._frame(frame, arrival_us, source)
-            sent += self.age(arrival_us)
+            sent += self._frame(frame, arrival_us, source) + self.age(arrival_us)
         return sent
 
     def _frame(self, frame: Frame, arrival_us: int, source: Hashable) -> list[bytes]:
@@ -256,17 +255,14 @@ class Pipeline:
         origin = identity.origin(frame, arrival_us, source)
         if origin not in FORGERIES:
             self.frames.append(frame)
-        if origin is Origin.OURSELVES:
+        if origin is OURSELVES:
             if self._conflict is not None:
                 self._conflict(frame)
         elif message_id in REQUESTS:
             return self._request(frame, arrival_us)
-        elif (
-            message_id == mavlink.MAVLINK_MSG_ID_REQUEST_DATA_STREAM
-            and self._rate_request is not None
-        ):
+        elif message_id == DATA_STREAM and self._rate_request is not None:
             self._rate_request(frame)
-        if origin is not Origin.VEHICLE:
+        if origin is not VEHICLE:
             if frame.system_id == self.settings.air.reference_system_id:
                 self.hear_reference(frame)
             return []
@@ -274,7 +270,7 @@ class Pipeline:
         self.heard[frame.message_id] = self.heard.get(frame.message_id, 0) + 1
         if frame.message_id not in self._wanted:
             return []
-        message = self.decoder.decode(frame)
+        message = self.decoder.read(frame)
         return self._message(message, frame.message_id, arrival_us) if message is not None else []
 
     def _request(self, frame: Frame, arrival_us: int) -> list[bytes]:
@@ -337,27 +333,28 @@ class Pipeline:
             self.intake.counters[SampleReject.REPLACED] += 1
         else:
             row = self.intake.row(reading, time_us, arrival_us)
-            return sent + self._sample(reading.kind, row)
-        return sent + self._react(used=False)
+            return sent + self._sample(reading.kind, row, reading.instance)
+        return sent + self._react(self.now_us, used=False)
 
-    def _sample(self, kind: Kind, row: Rows) -> list[bytes]:
+    def _sample(self, kind: Kind, row: Rows, instance: int = 0) -> list[bytes]:
         """Give a sample to the estimator and its verdict to all who follow it."""
-        known = self.air.follow(kind, row, self.now_us, self.filter.estimate)
+        now_us = self.now_us
+        known = self.air.follow(kind, row, now_us, self.filter.estimate)
         sent = self._sample(Kind.AIR, self.intake.air(known, row)) if known is not None else []
         self.identity.measured(kind)
         self.checker.sample(kind, row)
         verdict = self.filter.step(kind, row)
         self.verdicts[kind][verdict] += 1
-        if row[0]["instance"] == 0 or verdict is Verdict.USED:
-            self.health.sample(kind, verdict, self.now_us, int(row[0]["arrival_us"]))
+        if instance == 0 or verdict is Verdict.USED:
+            self.health.sample(kind, verdict, now_us, int(row["arrival_us"][0]))
         self.outputs.sample(kind, row, verdict, self.filter.estimate)
         if self._observer is not None:
             self._observer.sample(kind, row, verdict, self.filter.estimate)
-        return sent + self._react(used=verdict is Verdict.USED)
+        return sent + self._react(now_us, used=verdict is Verdict.USED)
 
-    def _react(self, *, used: bool) -> list[bytes]:
-        """What is due now that the vehicle's clock has moved: health, ALTITUDE, DEBUG."""
-        now_us, estimate = self.now_us, self.filter.estimate
+    def _react(self, now_us: int, *, used: bool) -> list[bytes]:
+        """What is due now that the vehicle's clock is at `now_us`: health, ALTITUDE, DEBUG."""
+        estimate = self.filter.estimate
         messages: list[Message] = []
         changed = False
         if used or self.health.is_due(now_us):

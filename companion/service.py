@@ -40,6 +40,8 @@ POLL_S = 0.1
 QUIET_US = 200_000
 """a line silent for longer than any frame lasts: what is half received will not be completed"""
 HEARTBEAT_US = 1_000_000
+HOUSEKEEPING_US = 20_000
+"""interval of what is due by the host's clock, while the vehicle's bytes keep coming"""
 NOTICE_US = 5_000_000
 STATUS_US = 1_000_000
 FOREIGN_HEARTBEATS = 2
@@ -135,6 +137,7 @@ class Service:
         self._admission = Admission()
         self._heard_us = start_us
         self._heartbeat_due_us = start_us
+        self._kept_us = start_us - HOUSEKEEPING_US
         self._flushed = True
         self._noticed = False
         self._status_us = start_us
@@ -165,21 +168,31 @@ class Service:
         if data and not self._admission.admits(self.link.source, len(data), now_us):
             data = b""
         if data:
-            self._heard_us, self._flushed = now_us, False
-            frames = self.pipeline.feed(Packet(now_us, data), self.link.source)
-            if self.pipeline.frames:
-                self.link.trust()
-                self._admission.framed(self.link.source, now_us)
-            self._traffic.take(self.pipeline.frames, now_us)
-            self._backlog.handled(now_us, self.pipeline.now_us)
-            self._record_heard(now_us)
-            self._send(self._current(frames), now_us)
-            self._keep_state(now_us)
+            self._take(data, now_us)
+            if now_us - self._kept_us < HOUSEKEEPING_US and self.pipeline.identity.vehicle:
+                return
         elif now_us - self._heard_us > QUIET_US and not self._flushed:
             self._flushed = True
             self._send(self.pipeline.flush(now_us), now_us)
             self._record_heard(now_us)
         self._housekeeping(now_us)
+
+    def _take(self, data: bytes, now_us: int) -> None:
+        """Handle bytes; what they bring about is sent before they are counted."""
+        link, pipeline = self.link, self.pipeline
+        self._heard_us, self._flushed = now_us, False
+        frames = pipeline.feed(Packet(now_us, data), link.source)
+        heard = pipeline.frames
+        if heard:
+            link.trust()
+            self._admission.framed(link.source, now_us)
+        self._backlog.handled(now_us, pipeline.now_us)
+        if self._recorder is not None:
+            self._record_heard(now_us)
+        if frames:
+            self._send(self._current(frames), now_us)
+        self._traffic.take(heard, now_us)
+        self._keep_state(now_us)
 
     def status(self) -> Status:
         """The state now, and rates since the last call."""
@@ -242,6 +255,7 @@ class Service:
     def _housekeeping(self, now_us: int) -> None:
         """What is due by the host's clock. Our heartbeat goes out from the first second on every
         link, vehicle or not: many peers speak only to who spoke; it stops when this loop does."""
+        self._kept_us = now_us
         if self._signing is not None:
             self._signing.keep()
         self._send(self.pipeline.age(now_us), now_us)

@@ -118,12 +118,10 @@ class Identity:
         """notices about senders for the user, in the order of their detection"""
         self.refusal = ""
         """why no vehicle is followed; empty while one is, or none was heard"""
-        self._other_system_id = other_system_id
         self._strangers_us: dict[tuple[int, int], int] = {}
         """when each other sender was last heard"""
-        self._wanted = system_id
-        self._wanted_component = vehicle_component_id
-        self._own_system_id = own_system_id
+        self._wanted, self._wanted_component = system_id, vehicle_component_id
+        self._own_system_id, self._other_system_id = own_system_id, other_system_id
         self._autopilots: dict[tuple[int, int], _Autopilot] = {}
         self._latched_us = 0
         self._firm = False

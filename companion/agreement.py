@@ -51,6 +51,8 @@ AGREEMENT = np.dtype(
         ("speed_mps", "f8"),
         ("level_m", "f8"),
         ("jump_m", "f8"),
+        ("mover", "i8"),  # Kind of the sensor that moved fast by half of the limit; -1 none
+        ("moved_m", "f8"),  # to this gap
         ("agreed_baro_m", "f8"),  # barometer height at which the difference was agreed
         ("scale", "f8"),  # change of the difference by barometer height
         ("scale_sd", "f8"),
@@ -102,7 +104,8 @@ def begin(a: Rows) -> None:
     a[0].baro_us = a[0].gnss_us = NEVER_US
     a[0].gap_m, a[0].weather_m, a[0].speed_mps = 0.0, 0.0, 0.0
     a[0].baro_m = a[0].gnss_m = a[0].difference_m = a[0].gnss_limit_m = math.nan
-    a[0].level_m = a[0].jump_m = math.nan
+    a[0].level_m = a[0].jump_m = a[0].moved_m = math.nan
+    a[0].mover = NONE
     a[0].sd_m = a[0].agreed_sd_m = math.inf
     a[0].agreed_baro_m = a[0].leg_baro_m = a[0].leg_difference_m = math.nan
     a[0].scale, a[0].scale_sd = 0.0, SCALE / SCALE_SIGMAS
@@ -182,12 +185,18 @@ def follow_fix(a: Rows, row: Rows) -> None:
 def _compare(a: Rows, time_us: int, baro_m: float, gnss_m: float) -> None:
     difference_m = gnss_m - baro_m
     a[0].gap_m = difference_m - agreed_m(a, baro_m)
+    if abs(a[0].gap_m) <= 0.5 * limit_m(a):
+        a[0].mover = NONE
+    elif a[0].mover == NONE:
+        a[0].mover, a[0].moved_m = _mover(a, time_us, baro_m, gnss_m), a[0].gap_m
     if math.isnan(a[0].gap_m):
         _latch(a, difference_m, baro_m, time_us)
     elif _is_back(a, time_us):
         _agree_again(a, difference_m, baro_m, time_us)
     elif a[0].agree:
         a[0].excluded = _mover(a, time_us, baro_m, gnss_m)
+        if a[0].excluded == NONE and abs(a[0].gap_m - a[0].moved_m) <= LEVEL_M:
+            a[0].excluded = a[0].mover  # it moved fast before, and stayed there
         a[0].agree, a[0].jump_m = 0, abs(a[0].gap_m)
         a[0].level_m, a[0].level_us = difference_m, time_us
     elif abs(difference_m - a[0].level_m) > LEVEL_M:
@@ -274,7 +283,7 @@ def _mover(a: Rows, time_us: int, baro_m: float, gnss_m: float) -> int:
     trend_m = rate * (time_us - a[0].pairs_us[start])
     baro_off_m = abs(baro_m - a[0].pairs_m[start, 0] - trend_m)
     gnss_off_m = abs(gnss_m - a[0].pairs_m[start, 1] - trend_m)
-    if max(baro_off_m, gnss_off_m) < 2.0 * min(baro_off_m, gnss_off_m):
+    if max(baro_off_m, gnss_off_m) < max(near_m, 2.0 * min(baro_off_m, gnss_off_m)):
         return NONE
     return GNSS if gnss_off_m > baro_off_m else BARO
 

@@ -19,12 +19,13 @@ from companion.known_air import AirSettings, KnownAir
 from companion.mavlink import convert
 from companion.mavlink.codec import Decoder, Frame, Message, mavlink
 from companion.mavlink.commands import Commands
-from companion.mavlink.identity import OURSELVES, VEHICLE, Identity, Origin
+from companion.mavlink.identity import OURSELVES, VEHICLE, Origin
 from companion.mavlink.outputs import Outputs, heartbeat, intervals
 from companion.mavlink.own_heights import own_heights
 from companion.mavlink.parameters import Parameters
 from companion.mavlink.readings import ReadingSelector
 from companion.mavlink.requests import REQUESTS, Requests, asks_rate
+from companion.mavlink.sections import identity_of
 from companion.mavlink.sender import Sender
 from companion.mavlink.signing import Signing
 from companion.observer import Observer
@@ -37,7 +38,6 @@ logger = logging.getLogger("kollsman.pipeline")
 HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 SYSTEM_TIME = mavlink.MAVLINK_MSG_ID_SYSTEM_TIME
 ALTITUDE = mavlink.MAVLINK_MSG_ID_ALTITUDE
-SIMSTATE = mavlink.MAVLINK_MSG_ID_SIMSTATE
 GLOBAL_POSITION_INT = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 PARAM_VALUE = mavlink.MAVLINK_MSG_ID_PARAM_VALUE
 DATA_STREAM = mavlink.MAVLINK_MSG_ID_REQUEST_DATA_STREAM
@@ -76,12 +76,8 @@ class Pipeline:
         self.signing = signing
         self.sends = sends
         self.decoder = Decoder(datagrams=datagrams)
-        self.identity = Identity(
-            settings.vehicle.system_id,
-            settings.identity.component_id,
-            vehicle_component_id=settings.vehicle.component_id,
-            own_system_id=settings.identity.system_id,
-        )
+        other_id = settings.air.reference_system_id
+        self.identity = identity_of(settings.vehicle, settings.identity, other_id)
         self.announcements = Announcements(enabled=settings.publish.statustext)
         self._problems: list[str] = []
         self._begin()
@@ -100,7 +96,7 @@ class Pipeline:
         )
         self._requests = Requests(self.parameters, self.commands)
         self._wanted = self.readings.message_ids | {SYSTEM_TIME, ALTITUDE, GLOBAL_POSITION_INT}
-        self._wanted |= self.listeners.keys() | convert.TRUTHS.keys() | {SIMSTATE}
+        self._wanted |= self.listeners.keys() | convert.TRUTHS.keys()
         if self.feedback.knob is not None:
             self._wanted.add(PARAM_VALUE)
         self.observe(observer)
@@ -187,6 +183,10 @@ class Pipeline:
             self._compare(item.is_truth, item[1:])
         return []
 
+    def hear_reference(self, frame: Frame) -> None:
+        """A frame of the reference barometer: its pressure, at the newest time of the vehicle."""
+        self.air.hear(convert.station_pressure_pa(frame), self.now_us)
+
     def flush(self, arrival_us: int) -> list[bytes]:
         """The line fell silent: give up on a half-received frame."""
         return self._take(self.decoder.flush(), arrival_us, None)
@@ -263,6 +263,8 @@ class Pipeline:
         elif message_id == DATA_STREAM and self._rate_request is not None:
             self._rate_request(frame)
         if origin is not VEHICLE:
+            if frame.system_id == self.settings.air.reference_system_id:
+                self.hear_reference(frame)
             return []
         self.health.alive(arrival_us)
         self.heard[frame.message_id] = self.heard.get(frame.message_id, 0) + 1
@@ -294,9 +296,8 @@ class Pipeline:
         elif message_id == SYSTEM_TIME:
             self.intake.clock.note_unix(message.time_unix_usec, message.time_boot_ms * 1000)
         elif message_id in convert.TRUTHS:
-            self._compare(True, (self.now_us, *convert.TRUTHS[message_id](message)))
-        elif message_id == SIMSTATE:
-            self.intake.simulation.truth(None)
+            found = convert.TRUTHS[message_id](message)
+            self._compare(True, (self.now_us, *found) if found is not None else None)
         elif message_id == GLOBAL_POSITION_INT:
             self._compare(False, convert.global_position(message))
             self.feedback.height(*own_heights(message))
@@ -310,22 +311,19 @@ class Pipeline:
         readings = self.readings.of(message, message_id, self.identity.autopilot)
         return [frame for each in readings for frame in self._reading(each, message_id, arrival_us)]
 
-    def _compare(self, is_truth: bool, height: tuple[int, float, float]) -> None:
+    def _compare(self, is_truth: bool, height: tuple[int, float, float] | None) -> None:
         if is_truth:
-            self.intake.simulation.truth(height[1])
-        if self._observer is not None and height[0] >= 0:
+            self.intake.simulation.truth(height[1] if height is not None else None)
+        if self._observer is not None and height is not None and height[0] >= 0:
             (self._observer.truth if is_truth else self._observer.autopilot)(*height)
 
     def _reading(self, reading: convert.Reading, message_id: int, arrival_us: int) -> list[bytes]:
         time_us, reboot = self.intake.place(reading, message_id, arrival_us)
         sent: list[bytes] = []
         if reboot is not None:
-            self.health.restart()
-            self.outputs.restart()
-            self.checker.restart()
-            self.feedback.restart()
-            self.readings.restart()
-            self.air.restart()
+            parts = (self.health, self.outputs, self.checker, self.feedback, self.readings)
+            for restart in (*(part.restart for part in parts), self.air.restart):
+                restart()
             sent += self._sample(Kind.STATUS, reboot)
         if time_us is None:
             return sent
@@ -341,7 +339,7 @@ class Pipeline:
     def _sample(self, kind: Kind, row: Rows, instance: int = 0) -> list[bytes]:
         """Give a sample to the estimator and its verdict to all who follow it."""
         now_us = self.now_us
-        known = self.air.follow(kind, row, now_us)
+        known = self.air.follow(kind, row, now_us, self.filter.estimate)
         sent = self._sample(Kind.AIR, self.intake.air(known, row)) if known is not None else []
         self.identity.measured(kind)
         self.checker.sample(kind, row)

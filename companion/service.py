@@ -27,6 +27,7 @@ from companion.mavlink.identity import Identity, Origin, autopilot_name
 from companion.notices import notice
 from companion.observer import Observer
 from companion.pipeline import Pipeline
+from companion.reference_link import ReferenceLink
 from companion.samples import Kind, Packet
 from companion.settings import CompanionSettings
 from companion.status import KEPT_TEXTS, Status, Text
@@ -71,6 +72,7 @@ class Service:
     follows : who was heard before; its vehicle is followed at once.
     earlier : a service on the same link that failed: the checkpoint is not continued.
     signing : the key, and where its time stamps are kept; None: nothing is signed or verified.
+    reference : the link to a ground barometer.
     """
 
     def __init__(
@@ -85,8 +87,9 @@ class Service:
         follows: Identity | None = None,
         earlier: "Service | None" = None,
         signing: SigningStore | None = None,
+        reference: ReferenceLink | None = None,
     ) -> None:
-        self.link = link
+        self.link, self._reference = link, reference
         self.clock = clock
         self.settings = settings
         self.published = 0
@@ -210,7 +213,7 @@ class Service:
         vehicle = identity.vehicle
         return Status(
             health.health,
-            "; ".join([health.reason, *self._streaming.problems]),
+            "; ".join([health.reason, *self.problems]),
             f"{vehicle[0]}/{vehicle[1]} {autopilot_name(identity.autopilot)}"
             if vehicle
             else "no vehicle",
@@ -234,7 +237,7 @@ class Service:
     @property
     def problems(self) -> list[str]:
         """Streams that are slow, missing or refused."""
-        return list(self._streaming.problems)
+        return [*self._streaming.problems, *self.pipeline.air.problems]
 
     def traffic(self) -> dict[str, Traffic]:
         """The senders heard on each link."""
@@ -265,12 +268,21 @@ class Service:
         path = (self.link.statistics.reconnects, self.pipeline.identity.source)
         for message in self._streaming.poll(now_us, path):
             self._send(self.pipeline.encode(message), now_us)
-        self.pipeline.tell_problems(self._streaming.problems)
+        if self._reference is not None:
+            self._reference.poll(now_us, self._hear_reference)
+        self.pipeline.tell_problems(self.problems)
         if not self._noticed and now_us - self._start_us > NOTICE_US:
             self._noticed = True
             missing = notice(self.pipeline, self.link)
             if missing:
                 logger.warning("%s", missing)
+
+    def _hear_reference(self, frame: Frame) -> None:
+        """A pressure of the ground barometer; recorded where a replay can tell it from the
+        vehicle's."""
+        self.pipeline.hear_reference(frame)
+        if frame.system_id == self.settings.air.reference_system_id:
+            self._record(self.clock.now_us(), frame.data)
 
     def stop(self) -> None:
         """End the run: the message rates are put back, and the last ALTITUDE carries the vehicle's

@@ -59,7 +59,7 @@ class Sampler(Pipeline):
 
     def _sample(self, kind: Kind, row: Rows, instance: int = 0) -> list[bytes]:
         del instance
-        known = self.air.follow(kind, row, self.now_us)
+        known = self.air.follow(kind, row, self.now_us, self.estimate)
         if known is not None:
             self._sample(Kind.AIR, self.intake.air(known, row))
         self.identity.measured(kind)

@@ -11,7 +11,7 @@ from enum import Enum
 from typing import Any, NamedTuple
 
 from companion.kernels.atmosphere import G0_MPS2
-from companion.mavlink.codec import Message, mavlink
+from companion.mavlink.codec import Frame, Message, decode, mavlink
 from companion.samples import Kind
 
 ZERO_CELSIUS_K = 273.15
@@ -19,6 +19,7 @@ UNKNOWN_U16 = 65535
 UNKNOWN_U8 = 255
 NO_DOP = 9999
 FIX_3D = 3
+SCALED_PRESSURE = mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE
 
 
 class TimeBase(Enum):
@@ -57,13 +58,24 @@ _BOOT, _EITHER = TimeBase.BOOT, TimeBase.EITHER
 def scaled_pressure(message: Message, instance: int) -> Readings:
     """SCALED_PRESSURE/2/3: hPa; the temperature is the sensor die's, in centidegrees. The first
     one's differential pressure is an airspeed; 0 where there is no such sensor."""
-    values = (_finite(message.press_abs * 100.0), message.temperature * 0.01 + ZERO_CELSIUS_K, 0)
+    values = (pressure_pa(message), message.temperature * 0.01 + ZERO_CELSIUS_K, 0)
     stamp_us = message.time_boot_ms * 1000
     pressure = Reading(_PRESSURE, _BOOT, stamp_us, instance, values)
     if instance or message.press_diff == 0.0 or not math.isfinite(message.press_diff):
         return (pressure,)
     speed = (airspeed_mps(message.press_diff * 100.0),)
     return pressure, Reading(_AIRSPEED, _BOOT, stamp_us, 1, speed)
+
+
+def pressure_pa(message: Message) -> float:
+    """SCALED_PRESSURE: the absolute pressure; NaN where that is no number."""
+    return _finite(message.press_abs * 100.0)
+
+
+def station_pressure_pa(frame: Frame) -> float | None:
+    """The pressure in a frame of a ground barometer; None for another message."""
+    message = decode(frame) if frame.message_id == SCALED_PRESSURE else None
+    return pressure_pa(message) if message is not None else None
 
 
 def airspeed_mps(dynamic_pa: float) -> float:
@@ -276,9 +288,10 @@ def hil_state(message: Message) -> tuple[float, float]:
     return message.alt * 1e-3, message.vz * -0.01
 
 
-TRUTHS: dict[int, Callable[[Message], tuple[float, float]]] = {
+TRUTHS: dict[int, Callable[[Message], tuple[float, float] | None]] = {
     mavlink.MAVLINK_MSG_ID_SIM_STATE: sim_state,
     mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: hil_state,
+    mavlink.MAVLINK_MSG_ID_SIMSTATE: lambda message: None,  # it has attitude and place alone
 }
 """Messages of a simulated vehicle with its true altitude and climb."""
 

@@ -92,6 +92,7 @@ class Identity:
     component_id : our own component id.
     vehicle_component_id : the component of the vehicle's autopilot.
     own_system_id : our own system id; None takes the vehicle's.
+    other_system_id : a system that is never the vehicle: the ground barometer.
     """
 
     def __init__(
@@ -101,6 +102,7 @@ class Identity:
         *,
         vehicle_component_id: int = AUTOPILOT_COMPONENT_ID,
         own_system_id: int | None = None,
+        other_system_id: int | None = None,
     ) -> None:
         self.component_id = component_id
         self.vehicle: tuple[int, int] | None = None
@@ -118,9 +120,8 @@ class Identity:
         """why no vehicle is followed; empty while one is, or none was heard"""
         self._strangers_us: dict[tuple[int, int], int] = {}
         """when each other sender was last heard"""
-        self._wanted = system_id
-        self._wanted_component = vehicle_component_id
-        self._own_system_id = own_system_id
+        self._wanted, self._wanted_component = system_id, vehicle_component_id
+        self._own_system_id, self._other_system_id = own_system_id, other_system_id
         self._autopilots: dict[tuple[int, int], _Autopilot] = {}
         self._latched_us = 0
         self._firm = False
@@ -205,7 +206,7 @@ class Identity:
         if message.type == mavlink.MAV_TYPE_GCS:
             self.station(speaker, arrival_us)
             return False
-        if not is_autopilot(message):
+        if not is_autopilot(message) or frame.system_id == self._other_system_id:
             return False
         heard = self._autopilots.get(speaker)
         if heard is None:

@@ -25,7 +25,7 @@ from companion.samples import Kind, Rows, rows
 
 WEATHER_MPS, SLOPE, PORT, SWING_M = 31.0 / 3600.0, 0.4e-3, 0.17, 1.0
 SCALE, LEAST_SCALE_SD, SCALE_SIGMAS, LEG_M, LEG_NOISE = 0.10, 0.02, 2.0, 100.0, 0.5
-"""the most that air stretches heights, how much layers of it differ, the change of height that shows
+"""the most that air stretches heights, how much its layers differ, the change of height that shows
 it, and what a GNSS error of minutes changes within that, as a part of its spread"""
 SIGMAS, LEAST_SD_M, UNKNOWN_SD_M, LEVEL_M = 5.0, 4.0, 10.0, 10.0
 NEVER_US, FRESH_US, FAST_US = -(1 << 60), 2_000_000, 2_500_000

@@ -35,6 +35,7 @@ NONE, BARO, GNSS = -1, int(Kind.PRESSURE), int(Kind.GNSS)
 
 AGREEMENT = np.dtype(
     [
+        ("is_suspect", "i8"),  # the barometer's height is none
         ("excluded", "i8"),  # Kind of the sensor that is known to be wrong; -1 none
         ("agree", "i8"),
         ("has_lasted", "i8"),  # 1: an excluded receiver stayed for as long as before it left
@@ -100,6 +101,7 @@ class Agreement:
 @step
 def begin(a: Rows) -> None:
     """Know nothing."""
+    a[0].is_suspect = 0
     a[0].excluded, a[0].agree, a[0].has_lasted = NONE, 1, 0
     a[0].baro_us = a[0].gnss_us = NEVER_US
     a[0].gap_m, a[0].weather_m, a[0].speed_mps = 0.0, 0.0, 0.0
@@ -130,11 +132,12 @@ def limit_m(a: Rows) -> float:
 def follow_pressure(a: Rows, row: Rows) -> None:
     """Follow the barometer, and how far its error can have drifted.
 
-    A suspect one (`companion.intake.screening`) says nothing of a height.
+    A suspect one (`companion.intake.screening`) says nothing of a height, but is followed: it may
+    be believed again.
     """
     time_us, height_m = row[0].time_us, baro_altitude_m(row[0].pressure_pa)
     last_us, last_m = a[0].baro_us, a[0].baro_m
-    if row[0].suspect or not math.isfinite(height_m):
+    if not math.isfinite(height_m):
         return
     if row[0].instance != a[0].baro_instance:
         if time_us - last_us <= FRESH_US:
@@ -142,6 +145,7 @@ def follow_pressure(a: Rows, row: Rows) -> None:
         a[0].baro_instance, a[0].difference_m = row[0].instance, math.nan
     if time_us < last_us:
         return
+    a[0].is_suspect = 1 if row[0].suspect else 0
     if height_m != last_m:
         a[0].changed_us = time_us
     rate_mps = WEATHER_MPS + SLOPE * a[0].speed_mps

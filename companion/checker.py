@@ -105,8 +105,11 @@ class Checker:
 def objection(a: Rows, now_us: int, altitude_m: float) -> int:
     """The code of the reason why the altitude is not supported; `a` is an AGREEMENT row."""
     by_baro = now_us - a[0].baro_us <= FRESH_US and math.isfinite(a[0].difference_m)
+    by_baro = by_baro and a[0].is_suspect == 0
     by_gnss = now_us - a[0].gnss_us <= FRESH_US
     gap_m, excluded = abs(a[0].gap_m), a[0].excluded
+    if a[0].is_suspect == 1:
+        excluded = BARO
     if not a[0].agree and excluded == NONE and gap_m > max(LIMIT_M, limit_m(a)):
         return APART
     if not (by_baro or by_gnss):

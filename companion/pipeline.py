@@ -60,6 +60,7 @@ class Pipeline:
     """
 
     estimates = True  # whether samples reach the estimator
+    in_blocks = True  # whether a replay may use loops, which call no overridden method
 
     def __init__(
         self,

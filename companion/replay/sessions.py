@@ -178,8 +178,8 @@ class _Splitter(Generic[Seen]):
 
     @property
     def takes_blocks(self) -> bool:
-        """Whether the observer of the present session takes blocks."""
-        return isinstance(self._open.seen, BlockObserver)
+        """Whether the pipeline and the observer of the present session take blocks."""
+        return self.pipeline.in_blocks and isinstance(self._open.seen, BlockObserver)
 
     def block_observer(self) -> BlockObserver:
         """The observer of the present session."""

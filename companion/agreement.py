@@ -24,8 +24,8 @@ from companion.kernels.gnss import HIGHEST_GNSS_M, LOWEST_GNSS_M, gnss_sd_m
 from companion.samples import Kind, Rows, rows
 
 WEATHER_MPS, SLOPE, PORT, SWING_M = 31.0 / 3600.0, 0.4e-3, 0.17, 1.0
-SCALE, LEAST_SCALE_SD, SCALE_SIGMAS, LEG_M, LEG_NOISE = 0.10, 0.005, 2.0, 100.0, 0.5
-"""the most that air stretches heights, how well that can be known, the change of height that shows
+SCALE, LEAST_SCALE_SD, SCALE_SIGMAS, LEG_M, LEG_NOISE = 0.10, 0.02, 2.0, 100.0, 0.5
+"""the most that air stretches heights, how much its layers differ, the change of height that shows
 it, and what a GNSS error of minutes changes within that, as a part of its spread"""
 SIGMAS, LEAST_SD_M, UNKNOWN_SD_M, LEVEL_M = 5.0, 4.0, 10.0, 10.0
 NEVER_US, FRESH_US, FAST_US = -(1 << 60), 2_000_000, 2_500_000
@@ -35,6 +35,7 @@ NONE, BARO, GNSS = -1, int(Kind.PRESSURE), int(Kind.GNSS)
 
 AGREEMENT = np.dtype(
     [
+        ("is_suspect", "i8"),  # the barometer's height is none
         ("excluded", "i8"),  # Kind of the sensor that is known to be wrong; -1 none
         ("agree", "i8"),
         ("has_lasted", "i8"),  # 1: an excluded receiver stayed for as long as before it left
@@ -51,6 +52,8 @@ AGREEMENT = np.dtype(
         ("speed_mps", "f8"),
         ("level_m", "f8"),
         ("jump_m", "f8"),
+        ("mover", "i8"),  # Kind of the sensor that moved fast by half of the limit; -1 none
+        ("moved_m", "f8"),  # to this gap
         ("agreed_baro_m", "f8"),  # barometer height at which the difference was agreed
         ("scale", "f8"),  # change of the difference by barometer height
         ("scale_sd", "f8"),
@@ -98,11 +101,13 @@ class Agreement:
 @step
 def begin(a: Rows) -> None:
     """Know nothing."""
+    a[0].is_suspect = 0
     a[0].excluded, a[0].agree, a[0].has_lasted = NONE, 1, 0
     a[0].baro_us = a[0].gnss_us = NEVER_US
     a[0].gap_m, a[0].weather_m, a[0].speed_mps = 0.0, 0.0, 0.0
     a[0].baro_m = a[0].gnss_m = a[0].difference_m = a[0].gnss_limit_m = math.nan
-    a[0].level_m = a[0].jump_m = math.nan
+    a[0].level_m = a[0].jump_m = a[0].moved_m = math.nan
+    a[0].mover = NONE
     a[0].sd_m = a[0].agreed_sd_m = math.inf
     a[0].agreed_baro_m = a[0].leg_baro_m = a[0].leg_difference_m = math.nan
     a[0].scale, a[0].scale_sd = 0.0, SCALE / SCALE_SIGMAS
@@ -127,11 +132,12 @@ def limit_m(a: Rows) -> float:
 def follow_pressure(a: Rows, row: Rows) -> None:
     """Follow the barometer, and how far its error can have drifted.
 
-    A suspect one (`companion.intake.screening`) says nothing of a height.
+    A suspect one (`companion.intake.screening`) says nothing of a height, but is followed: it may
+    be believed again.
     """
     time_us, height_m = row[0].time_us, baro_altitude_m(row[0].pressure_pa)
     last_us, last_m = a[0].baro_us, a[0].baro_m
-    if row[0].suspect or not math.isfinite(height_m):
+    if not math.isfinite(height_m):
         return
     if row[0].instance != a[0].baro_instance:
         if time_us - last_us <= FRESH_US:
@@ -139,6 +145,7 @@ def follow_pressure(a: Rows, row: Rows) -> None:
         a[0].baro_instance, a[0].difference_m = row[0].instance, math.nan
     if time_us < last_us:
         return
+    a[0].is_suspect = 1 if row[0].suspect else 0
     if height_m != last_m:
         a[0].changed_us = time_us
     rate_mps = WEATHER_MPS + SLOPE * a[0].speed_mps
@@ -182,12 +189,18 @@ def follow_fix(a: Rows, row: Rows) -> None:
 def _compare(a: Rows, time_us: int, baro_m: float, gnss_m: float) -> None:
     difference_m = gnss_m - baro_m
     a[0].gap_m = difference_m - agreed_m(a, baro_m)
+    if abs(a[0].gap_m) <= 0.5 * limit_m(a):
+        a[0].mover = NONE
+    elif a[0].mover == NONE:
+        a[0].mover, a[0].moved_m = _mover(a, time_us, baro_m, gnss_m), a[0].gap_m
     if math.isnan(a[0].gap_m):
         _latch(a, difference_m, baro_m, time_us)
     elif _is_back(a, time_us):
         _agree_again(a, difference_m, baro_m, time_us)
     elif a[0].agree:
         a[0].excluded = _mover(a, time_us, baro_m, gnss_m)
+        if a[0].excluded == NONE and abs(a[0].gap_m - a[0].moved_m) <= LEVEL_M:
+            a[0].excluded = a[0].mover  # it moved fast before, and stayed there
         a[0].agree, a[0].jump_m = 0, abs(a[0].gap_m)
         a[0].level_m, a[0].level_us = difference_m, time_us
     elif abs(difference_m - a[0].level_m) > LEVEL_M:
@@ -274,7 +287,7 @@ def _mover(a: Rows, time_us: int, baro_m: float, gnss_m: float) -> int:
     trend_m = rate * (time_us - a[0].pairs_us[start])
     baro_off_m = abs(baro_m - a[0].pairs_m[start, 0] - trend_m)
     gnss_off_m = abs(gnss_m - a[0].pairs_m[start, 1] - trend_m)
-    if max(baro_off_m, gnss_off_m) < 2.0 * min(baro_off_m, gnss_off_m):
+    if max(baro_off_m, gnss_off_m) < max(near_m, 2.0 * min(baro_off_m, gnss_off_m)):
         return NONE
     return GNSS if gnss_off_m > baro_off_m else BARO
 

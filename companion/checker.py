@@ -4,8 +4,9 @@ It shares nothing with an estimator. An altitude is supported near the barometer
 (`companion.agreement`) while the two agree; near the other one while one of them is excluded, or
 near either once a receiver that jumped has stayed where it went; by none once they are 25 m apart
 and the faulty one is not known. An altitude that is not supported is not published. An estimator
-that was supported, and is not for 10 s while the sensors agree, is restarted: once, until it was
-supported for 10 s again.
+that was supported, and is not for 10 s while the sensors agree within 10 m, is restarted: once,
+until it was supported for 10 s again. One that doubts a sensor which slides away must not be: it
+would forget the doubt and follow.
 
 It fails when both sensors are wrong alike, or when the barometer shifts while there is no GNSS.
 """
@@ -19,6 +20,7 @@ from companion.agreement import (
     BARO,
     FRESH_US,
     GNSS,
+    LEVEL_M,
     NONE,
     Agreement,
     agreed_m,
@@ -103,8 +105,11 @@ class Checker:
 def objection(a: Rows, now_us: int, altitude_m: float) -> int:
     """The code of the reason why the altitude is not supported; `a` is an AGREEMENT row."""
     by_baro = now_us - a[0].baro_us <= FRESH_US and math.isfinite(a[0].difference_m)
+    by_baro = by_baro and a[0].is_suspect == 0
     by_gnss = now_us - a[0].gnss_us <= FRESH_US
     gap_m, excluded = abs(a[0].gap_m), a[0].excluded
+    if a[0].is_suspect == 1:
+        excluded = BARO
     if not a[0].agree and excluded == NONE and gap_m > max(LIMIT_M, limit_m(a)):
         return APART
     if not (by_baro or by_gnss):
@@ -132,7 +137,8 @@ def asks_restart(c: Rows, a: Rows, now_us: int, supported: bool) -> bool:
             c[0].is_armed = 1
         return False
     c[0].supported_us = NEVER_US
-    if not a[0].agree or now_us - a[0].gnss_us > FRESH_US:
+    is_close = a[0].agree and abs(a[0].gap_m) <= LEVEL_M
+    if not is_close or now_us - a[0].gnss_us > FRESH_US:
         c[0].unsupported_us = NEVER_US
     elif c[0].unsupported_us == NEVER_US:
         c[0].unsupported_us = now_us

@@ -130,17 +130,17 @@ def warm_up_command(
 ) -> None:
     """Compile everything now, so that the next start is quick (container images do this when
     built)."""
-    from companion.estimators import ESTIMATORS
     from companion.settings import load_settings
     from companion.terminal import starting
-    from companion.warmup import warm_up_loop
+    from companion.warmup import warm_up_everything
 
     started_s = time.perf_counter()
-    with starting(Output(2)) as shown:
-        settings = load_settings()
-        compile_for(settings, ESTIMATORS if everything else [settings.estimator], shown)
-        for method in ESTIMATORS.values() if everything else ():
-            warm_up_loop(method)
+    if everything:
+        warm_up_everything()
+    else:
+        with starting(Output(2)) as shown:
+            settings = load_settings()
+            compile_for(settings, [settings.estimator], shown)
     print(f"compiled in {time.perf_counter() - started_s:.1f} s")
 
 

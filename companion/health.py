@@ -62,6 +62,9 @@ class HealthSettings(Settings):
     """standard deviation of the altitude above which health is LOST: ALTITUDE stops"""
 
 
+_HEALTHS = tuple(Health)
+
+
 class HealthMonitor:
     """Follows verdicts, estimates and the vehicle's silence.
 
@@ -87,7 +90,7 @@ class HealthMonitor:
 
     @property
     def health(self) -> Health:
-        return Health(int(self.state["health"][0]))
+        return _HEALTHS[int(self.state["health"][0])]
 
     @property
     def has_altitude(self) -> bool:
@@ -146,7 +149,7 @@ class HealthMonitor:
 
         `now_us` is the vehicle's clock, `host_us` when the sample arrived.
         """
-        steps.heard(self.state, self.params, kind, verdict, now_us, host_us)
+        steps.heard(self.state, self.params, int(kind), int(verdict), now_us, host_us)
 
     def age(self, host_us: int, others: Callable[[], str]) -> bool:
         """Set health to LOST when the vehicle has been silent on the host's clock; True when it

@@ -26,10 +26,15 @@ from companion.errors import ConfigError
 from companion.key_file import SigningStore, open_signing
 from companion.links import Link
 from companion.mavlink.codec import Decoder, Encoder, Frame, Message, mavlink
-from companion.mavlink.identity import Identity, Origin
+from companion.mavlink.identity import Origin
 from companion.mavlink.own_heights import own_altitude, own_heights
 from companion.mavlink.schedule import Schedule
-from companion.mavlink.sections import IdentitySettings, PublishSettings, VehicleSettings
+from companion.mavlink.sections import (
+    IdentitySettings,
+    PublishSettings,
+    VehicleSettings,
+    identity_of,
+)
 from companion.mavlink.signing import SigningSettings
 
 logger = logging.getLogger("kollsman.service")
@@ -44,6 +49,14 @@ VEHICLE_ALTITUDE_US = 5_000_000
 TEXT = b"Kollsman starts: the autopilot's own height"
 
 
+class EarlyAir(Settings):
+    """The key of section ``air`` that says who is not the vehicle."""
+
+    model_config = ConfigDict(extra="ignore")
+
+    reference_system_id: int | None = None
+
+
 class EarlySettings(Settings):
     """The sections that are read before the estimators are loaded; the others are read later."""
 
@@ -52,6 +65,7 @@ class EarlySettings(Settings):
     vehicle: VehicleSettings = VehicleSettings()
     identity: IdentitySettings = IdentitySettings()
     publish: PublishSettings = PublishSettings()
+    air: EarlyAir = EarlyAir()
     signing: SigningSettings = SigningSettings()
 
 
@@ -103,13 +117,8 @@ class Interim:
     """
 
     def __init__(self, link: Link, settings: EarlySettings, clock: Clock) -> None:
-        ids = settings.vehicle, settings.identity
-        self.identity = Identity(
-            ids[0].system_id,
-            ids[1].component_id,
-            vehicle_component_id=ids[0].component_id,
-            own_system_id=ids[1].system_id,
-        )
+        other_id = settings.air.reference_system_id
+        self.identity = identity_of(settings.vehicle, settings.identity, other_id)
         self.signing: SigningStore | None = open_signing(settings.signing)
         self._link, self._settings, self._clock = link, settings.publish, clock
         self._decoder = Decoder()

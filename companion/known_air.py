@@ -1,6 +1,7 @@
 """Values of the air that the user gives: QNH, air temperature, field elevation.
 
-They come from section ``air`` of the configuration, or live through `KnownAir.set`. The pipeline
+They come from section ``air`` of the configuration, or live through `KnownAir.set`; a reference
+barometer (`companion.reference`) tells a QNH that is measured now. The pipeline
 gives them to the estimator as an AIR sample before the next pressure; the elevation of the field,
 while the vehicle rests on it (`companion.at_rest`), again every two seconds.
 """
@@ -13,6 +14,7 @@ from pydantic import Field, field_validator, model_validator
 
 from companion.at_rest import AtRest
 from companion.config import Settings, validate
+from companion.reference import ReferenceBarometer
 from companion.samples import Kind, Rows
 
 logger = logging.getLogger("kollsman.air")
@@ -60,6 +62,18 @@ class AirSettings(Settings):
     """elevation of the field of the take-off, m above sea level: the height of a vehicle that rests
     there before its flight, good to 1 m; default: as GNSS shows."""
 
+    reference: str | None = Field(None, max_length=200)
+    """URL of a link to a ground barometer, a MAVLink sender at rest that sends SCALED_PRESSURE: its
+    QNH is used as weather that is measured; needs reference_elevation_m"""
+    reference_system_id: int | None = Field(None, ge=1, le=255)
+    """MAVLink system id of the ground barometer; without `reference` it is heard on the vehicle's
+    links and in recordings; default: whoever sends SCALED_PRESSURE on the link `reference`"""
+    reference_elevation_m: float | None = Field(None, ge=-500, le=9000)
+    """elevation of the ground barometer, m above sea level"""
+    reference_sd_hpa: float = Field(1.0, gt=0, le=20)
+    """standard deviation of the ground barometer's constant error, of the sensor and of its
+    elevation; changes of its pressure are taken as they are"""
+
     @field_validator("metar")
     @classmethod
     def _tells_something(cls, metar: str | None) -> str | None:
@@ -72,6 +86,15 @@ class AirSettings(Settings):
         qnh_hpa = self.report.qnh_hpa
         if qnh_hpa is not None and not 850.0 <= qnh_hpa <= 1100.0:
             raise ValueError(f"metar: a QNH of {qnh_hpa:.0f} hPa is not possible; give 850 to 1100")
+        return self
+
+    @model_validator(mode="after")
+    def _has_whole_reference(self) -> "AirSettings":
+        given = self.reference is not None or self.reference_system_id is not None
+        if given and self.reference_elevation_m is None:
+            raise ValueError("reference_elevation_m: needed with reference or reference_system_id")
+        if self.reference_elevation_m is not None and not given:
+            raise ValueError("reference_elevation_m: give reference or reference_system_id too")
         return self
 
     @property
@@ -97,12 +120,22 @@ class Known(NamedTuple):
     """of a QNH that is measured now"""
 
 
+# Looked up in its class, a member of an enum costs ten times as much (Python 3.11).
+_STATUS = Kind.STATUS
+_PRESSURE = Kind.PRESSURE
+
+
 class KnownAir:
     """The values, and what of them the estimator has still to be told."""
 
     def __init__(self, settings: AirSettings) -> None:
         self.qnh_hpa, self.temperature_c = settings.report
         self.field_elevation_m = settings.field_elevation_m
+        self.reference: ReferenceBarometer | None = None
+        if settings.reference_elevation_m is not None:
+            self.reference = ReferenceBarometer(
+                settings.reference_elevation_m, 100.0 * settings.reference_sd_hpa
+            )
         self._at_rest = AtRest()
         self._warned = False
         self.restart()
@@ -138,16 +171,40 @@ class KnownAir:
         """The estimator knows nothing any more: tell it again."""
         self._untold = self.qnh_hpa is not None or self.temperature_c is not None
         self._elevation_us: int | None = None
+        if self.reference is not None:
+            self.reference.restart()
+
+    def hear(self, pressure_pa: float | None, now_us: int) -> None:
+        """A pressure of the reference barometer; None where its message holds none."""
+        if self.reference is not None and pressure_pa is not None:
+            self.reference.hear(pressure_pa, now_us)
+
+    @property
+    def problems(self) -> list[str]:
+        """What is wrong with the reference barometer."""
+        problem = self.reference.problem if self.reference is not None else ""
+        return [problem] if problem else []
 
     def sample(self, kind: Kind, row: Rows) -> None:
         """Follow a sample, shape (1,), of the vehicle."""
-        if kind is Kind.STATUS or self.field_elevation_m is not None:
+        if kind is _STATUS or self.field_elevation_m is not None:
             self._at_rest.sample(kind, row)
 
-    def follow(self, kind: Kind, row: Rows, now_us: int) -> Known | None:
-        """`sample`; and before a pressure what to `tell`."""
+    def follow(self, kind: Kind, row: Rows, now_us: int, estimate: Rows) -> Known | None:
+        """`sample`; and before a pressure what to `tell`, with the QNH of the reference, which the
+        `estimate` may contradict."""
         self.sample(kind, row)
-        return self.tell(now_us) if kind is Kind.PRESSURE else None
+        if kind is not _PRESSURE:
+            return None
+        known, reference = self.tell(now_us), self.reference
+        qnh_pa = reference.tell(now_us, estimate) if reference is not None else None
+        if reference is None or qnh_pa is None:
+            return known
+        return (known or Known())._replace(
+            qnh_hpa=0.01 * qnh_pa,
+            qnh_elevation_m=reference.elevation_m,
+            qnh_sd_pa=reference.sd_pa,
+        )
 
     def tell(self, now_us: int) -> Known | None:
         """What to tell with the pressure of now; None when the estimator knows it all."""

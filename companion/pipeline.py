@@ -19,12 +19,13 @@ from companion.known_air import AirSettings, KnownAir
 from companion.mavlink import convert
 from companion.mavlink.codec import Decoder, Frame, Message, mavlink
 from companion.mavlink.commands import Commands
-from companion.mavlink.identity import Identity, Origin
+from companion.mavlink.identity import OURSELVES, VEHICLE, Origin
 from companion.mavlink.outputs import Outputs, heartbeat, intervals
 from companion.mavlink.own_heights import own_heights
 from companion.mavlink.parameters import Parameters
 from companion.mavlink.readings import ReadingSelector
 from companion.mavlink.requests import REQUESTS, Requests, asks_rate
+from companion.mavlink.sections import identity_of
 from companion.mavlink.sender import Sender
 from companion.mavlink.signing import Signing
 from companion.observer import Observer
@@ -37,11 +38,10 @@ logger = logging.getLogger("kollsman.pipeline")
 HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 SYSTEM_TIME = mavlink.MAVLINK_MSG_ID_SYSTEM_TIME
 ALTITUDE = mavlink.MAVLINK_MSG_ID_ALTITUDE
-SIMSTATE = mavlink.MAVLINK_MSG_ID_SIMSTATE
 GLOBAL_POSITION_INT = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 PARAM_VALUE = mavlink.MAVLINK_MSG_ID_PARAM_VALUE
 DATA_STREAM = mavlink.MAVLINK_MSG_ID_REQUEST_DATA_STREAM
-FORGERIES = frozenset({Origin.FORGED, Origin.ELSEWHERE})
+FORGERIES = (Origin.FORGED, Origin.ELSEWHERE)
 OTHERS_US = 5_000_000
 
 
@@ -60,6 +60,7 @@ class Pipeline:
     """
 
     estimates = True  # whether samples reach the estimator
+    in_blocks = True  # whether a replay may use loops, which call no overridden method
 
     def __init__(
         self,
@@ -76,12 +77,8 @@ class Pipeline:
         self.signing = signing
         self.sends = sends
         self.decoder = Decoder(datagrams=datagrams)
-        self.identity = Identity(
-            settings.vehicle.system_id,
-            settings.identity.component_id,
-            vehicle_component_id=settings.vehicle.component_id,
-            own_system_id=settings.identity.system_id,
-        )
+        other_id = settings.air.reference_system_id
+        self.identity = identity_of(settings.vehicle, settings.identity, other_id)
         self.announcements = Announcements(enabled=settings.publish.statustext)
         self._problems: list[str] = []
         self._begin()
@@ -100,7 +97,7 @@ class Pipeline:
         )
         self._requests = Requests(self.parameters, self.commands)
         self._wanted = self.readings.message_ids | {SYSTEM_TIME, ALTITUDE, GLOBAL_POSITION_INT}
-        self._wanted |= self.listeners.keys() | convert.TRUTHS.keys() | {SIMSTATE}
+        self._wanted |= self.listeners.keys() | convert.TRUTHS.keys()
         if self.feedback.knob is not None:
             self._wanted.add(PARAM_VALUE)
         self.observe(observer)
@@ -187,6 +184,10 @@ class Pipeline:
             self._compare(item.is_truth, item[1:])
         return []
 
+    def hear_reference(self, frame: Frame) -> None:
+        """A frame of the reference barometer: its pressure, at the newest time of the vehicle."""
+        self.air.hear(convert.station_pressure_pa(frame), self.now_us)
+
     def flush(self, arrival_us: int) -> list[bytes]:
         """The line fell silent: give up on a half-received frame."""
         return self._take(self.decoder.flush(), arrival_us, None)
@@ -236,8 +237,7 @@ class Pipeline:
         self._host_us = arrival_us
         sent: list[bytes] = []
         for frame in frames:
-            sent += self._frame(frame, arrival_us, source)
-            sent += self.age(arrival_us)
+            sent += self._frame(frame, arrival_us, source) + self.age(arrival_us)
         return sent
 
     def _frame(self, frame: Frame, arrival_us: int, source: Hashable) -> list[bytes]:
@@ -256,20 +256,22 @@ class Pipeline:
         origin = identity.origin(frame, arrival_us, source)
         if origin not in FORGERIES:
             self.frames.append(frame)
-        if origin is Origin.OURSELVES:
+        if origin is OURSELVES:
             if self._conflict is not None:
                 self._conflict(frame)
         elif message_id in REQUESTS:
             return self._request(frame, arrival_us)
         elif message_id == DATA_STREAM and self._rate_request is not None:
             self._rate_request(frame)
-        if origin is not Origin.VEHICLE:
+        if origin is not VEHICLE:
+            if frame.system_id == self.settings.air.reference_system_id:
+                self.hear_reference(frame)
             return []
         self.health.alive(arrival_us)
         self.heard[frame.message_id] = self.heard.get(frame.message_id, 0) + 1
         if frame.message_id not in self._wanted:
             return []
-        message = self.decoder.decode(frame)
+        message = self.decoder.read(frame)
         return self._message(message, frame.message_id, arrival_us) if message is not None else []
 
     def _request(self, frame: Frame, arrival_us: int) -> list[bytes]:
@@ -295,9 +297,8 @@ class Pipeline:
         elif message_id == SYSTEM_TIME:
             self.intake.clock.note_unix(message.time_unix_usec, message.time_boot_ms * 1000)
         elif message_id in convert.TRUTHS:
-            self._compare(True, (self.now_us, *convert.TRUTHS[message_id](message)))
-        elif message_id == SIMSTATE:
-            self.intake.simulation.truth(None)
+            found = convert.TRUTHS[message_id](message)
+            self._compare(True, (self.now_us, *found) if found is not None else None)
         elif message_id == GLOBAL_POSITION_INT:
             self._compare(False, convert.global_position(message))
             self.feedback.height(*own_heights(message))
@@ -311,22 +312,19 @@ class Pipeline:
         readings = self.readings.of(message, message_id, self.identity.autopilot)
         return [frame for each in readings for frame in self._reading(each, message_id, arrival_us)]
 
-    def _compare(self, is_truth: bool, height: tuple[int, float, float]) -> None:
+    def _compare(self, is_truth: bool, height: tuple[int, float, float] | None) -> None:
         if is_truth:
-            self.intake.simulation.truth(height[1])
-        if self._observer is not None and height[0] >= 0:
+            self.intake.simulation.truth(height[1] if height is not None else None)
+        if self._observer is not None and height is not None and height[0] >= 0:
             (self._observer.truth if is_truth else self._observer.autopilot)(*height)
 
     def _reading(self, reading: convert.Reading, message_id: int, arrival_us: int) -> list[bytes]:
         time_us, reboot = self.intake.place(reading, message_id, arrival_us)
         sent: list[bytes] = []
         if reboot is not None:
-            self.health.restart()
-            self.outputs.restart()
-            self.checker.restart()
-            self.feedback.restart()
-            self.readings.restart()
-            self.air.restart()
+            parts = (self.health, self.outputs, self.checker, self.feedback, self.readings)
+            for restart in (*(part.restart for part in parts), self.air.restart):
+                restart()
             sent += self._sample(Kind.STATUS, reboot)
         if time_us is None:
             return sent
@@ -336,27 +334,28 @@ class Pipeline:
             self.intake.counters[SampleReject.REPLACED] += 1
         else:
             row = self.intake.row(reading, time_us, arrival_us)
-            return sent + self._sample(reading.kind, row)
-        return sent + self._react(used=False)
+            return sent + self._sample(reading.kind, row, reading.instance)
+        return sent + self._react(self.now_us, used=False)
 
-    def _sample(self, kind: Kind, row: Rows) -> list[bytes]:
+    def _sample(self, kind: Kind, row: Rows, instance: int = 0) -> list[bytes]:
         """Give a sample to the estimator and its verdict to all who follow it."""
-        known = self.air.follow(kind, row, self.now_us)
+        now_us = self.now_us
+        known = self.air.follow(kind, row, now_us, self.filter.estimate)
         sent = self._sample(Kind.AIR, self.intake.air(known, row)) if known is not None else []
         self.identity.measured(kind)
         self.checker.sample(kind, row)
         verdict = self.filter.step(kind, row)
         self.verdicts[kind][verdict] += 1
-        if row[0]["instance"] == 0 or verdict is Verdict.USED:
-            self.health.sample(kind, verdict, self.now_us, int(row[0]["arrival_us"]))
+        if instance == 0 or verdict is Verdict.USED:
+            self.health.sample(kind, verdict, now_us, int(row["arrival_us"][0]))
         self.outputs.sample(kind, row, verdict, self.filter.estimate)
         if self._observer is not None:
             self._observer.sample(kind, row, verdict, self.filter.estimate)
-        return sent + self._react(used=verdict is Verdict.USED)
+        return sent + self._react(now_us, used=verdict is Verdict.USED)
 
-    def _react(self, *, used: bool) -> list[bytes]:
-        """What is due now that the vehicle's clock has moved: health, ALTITUDE, DEBUG."""
-        now_us, estimate = self.now_us, self.filter.estimate
+    def _react(self, now_us: int, *, used: bool) -> list[bytes]:
+        """What is due now that the vehicle's clock is at `now_us`: health, ALTITUDE, DEBUG."""
+        estimate = self.filter.estimate
         messages: list[Message] = []
         changed = False
         if used or self.health.is_due(now_us):

@@ -27,6 +27,7 @@ from companion.mavlink.identity import Identity, Origin, autopilot_name
 from companion.notices import notice
 from companion.observer import Observer
 from companion.pipeline import Pipeline
+from companion.reference_link import ReferenceLink
 from companion.samples import Kind, Packet
 from companion.settings import CompanionSettings
 from companion.status import KEPT_TEXTS, Status, Text
@@ -39,6 +40,8 @@ POLL_S = 0.1
 QUIET_US = 200_000
 """a line silent for longer than any frame lasts: what is half received will not be completed"""
 HEARTBEAT_US = 1_000_000
+HOUSEKEEPING_US = 20_000
+"""interval of what is due by the host's clock, while the vehicle's bytes keep coming"""
 NOTICE_US = 5_000_000
 STATUS_US = 1_000_000
 FOREIGN_HEARTBEATS = 2
@@ -69,6 +72,7 @@ class Service:
     follows : who was heard before; its vehicle is followed at once.
     earlier : a service on the same link that failed: the checkpoint is not continued.
     signing : the key, and where its time stamps are kept; None: nothing is signed or verified.
+    reference : the link to a ground barometer.
     """
 
     def __init__(
@@ -83,8 +87,9 @@ class Service:
         follows: Identity | None = None,
         earlier: "Service | None" = None,
         signing: SigningStore | None = None,
+        reference: ReferenceLink | None = None,
     ) -> None:
-        self.link = link
+        self.link, self._reference = link, reference
         self.clock = clock
         self.settings = settings
         self.published = 0
@@ -132,6 +137,7 @@ class Service:
         self._admission = Admission()
         self._heard_us = start_us
         self._heartbeat_due_us = start_us
+        self._kept_us = start_us - HOUSEKEEPING_US
         self._flushed = True
         self._noticed = False
         self._status_us = start_us
@@ -162,21 +168,31 @@ class Service:
         if data and not self._admission.admits(self.link.source, len(data), now_us):
             data = b""
         if data:
-            self._heard_us, self._flushed = now_us, False
-            frames = self.pipeline.feed(Packet(now_us, data), self.link.source)
-            if self.pipeline.frames:
-                self.link.trust()
-                self._admission.framed(self.link.source, now_us)
-            self._traffic.take(self.pipeline.frames, now_us)
-            self._backlog.handled(now_us, self.pipeline.now_us)
-            self._record_heard(now_us)
-            self._send(self._current(frames), now_us)
-            self._keep_state(now_us)
+            self._take(data, now_us)
+            if now_us - self._kept_us < HOUSEKEEPING_US and self.pipeline.identity.vehicle:
+                return
         elif now_us - self._heard_us > QUIET_US and not self._flushed:
             self._flushed = True
             self._send(self.pipeline.flush(now_us), now_us)
             self._record_heard(now_us)
         self._housekeeping(now_us)
+
+    def _take(self, data: bytes, now_us: int) -> None:
+        """Handle bytes; what they bring about is sent before they are counted."""
+        link, pipeline = self.link, self.pipeline
+        self._heard_us, self._flushed = now_us, False
+        frames = pipeline.feed(Packet(now_us, data), link.source)
+        heard = pipeline.frames
+        if heard:
+            link.trust()
+            self._admission.framed(link.source, now_us)
+        self._backlog.handled(now_us, pipeline.now_us)
+        if self._recorder is not None:
+            self._record_heard(now_us)
+        if frames:
+            self._send(self._current(frames), now_us)
+        self._traffic.take(heard, now_us)
+        self._keep_state(now_us)
 
     def status(self) -> Status:
         """The state now, and rates since the last call."""
@@ -197,7 +213,7 @@ class Service:
         vehicle = identity.vehicle
         return Status(
             health.health,
-            "; ".join([health.reason, *self._streaming.problems]),
+            "; ".join([health.reason, *self.problems]),
             f"{vehicle[0]}/{vehicle[1]} {autopilot_name(identity.autopilot)}"
             if vehicle
             else "no vehicle",
@@ -221,7 +237,7 @@ class Service:
     @property
     def problems(self) -> list[str]:
         """Streams that are slow, missing or refused."""
-        return list(self._streaming.problems)
+        return [*self._streaming.problems, *self.pipeline.air.problems]
 
     def traffic(self) -> dict[str, Traffic]:
         """The senders heard on each link."""
@@ -239,6 +255,7 @@ class Service:
     def _housekeeping(self, now_us: int) -> None:
         """What is due by the host's clock. Our heartbeat goes out from the first second on every
         link, vehicle or not: many peers speak only to who spoke; it stops when this loop does."""
+        self._kept_us = now_us
         if self._signing is not None:
             self._signing.keep()
         self._send(self.pipeline.age(now_us), now_us)
@@ -251,12 +268,21 @@ class Service:
         path = (self.link.statistics.reconnects, self.pipeline.identity.source)
         for message in self._streaming.poll(now_us, path):
             self._send(self.pipeline.encode(message), now_us)
-        self.pipeline.tell_problems(self._streaming.problems)
+        if self._reference is not None:
+            self._reference.poll(now_us, self._hear_reference)
+        self.pipeline.tell_problems(self.problems)
         if not self._noticed and now_us - self._start_us > NOTICE_US:
             self._noticed = True
             missing = notice(self.pipeline, self.link)
             if missing:
                 logger.warning("%s", missing)
+
+    def _hear_reference(self, frame: Frame) -> None:
+        """A pressure of the ground barometer; recorded where a replay can tell it from the
+        vehicle's."""
+        self.pipeline.hear_reference(frame)
+        if frame.system_id == self.settings.air.reference_system_id:
+            self._record(self.clock.now_us(), frame.data)
 
     def stop(self) -> None:
         """End the run: the message rates are put back, and the last ALTITUDE carries the vehicle's

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import yaml
-from pydantic import Field, create_model
+from pydantic import Field, create_model, model_validator
 
 from companion.checkpoint_settings import CheckpointSettings
 from companion.config import Settings, load, validate
@@ -53,6 +53,13 @@ class CompanionSettings(Settings):
     checkpoint: CheckpointSettings = CheckpointSettings()
     http: HttpSettings = HttpSettings()
     estimators: EstimatorSections = EstimatorSections()
+
+    @model_validator(mode="after")
+    def _reference_is_another(self) -> "CompanionSettings":
+        system_id = self.air.reference_system_id
+        if system_id is not None and system_id == self.vehicle.system_id:
+            raise ValueError("air.reference_system_id: is the vehicle's; give another system's")
+        return self
 
     def section(self, estimator: str) -> Settings:
         """The section of an estimator."""

@@ -3,9 +3,10 @@ pipeline."""
 
 import logging
 import math
+import os
 
-from companion.estimators import run_log
-from companion.estimators.method import Method
+from companion.estimators import DEFAULT_ESTIMATOR, ESTIMATORS, run_log
+from companion.jobs import executor_of, results, run
 from companion.mavlink.codec import Encoder, Message, mavlink
 from companion.pipeline import Pipeline
 from companion.samples import Packet, SampleLog
@@ -54,10 +55,19 @@ def rare_messages(boot_ms: int) -> list[Message]:
     ]
 
 
-def warm_up_loop(method: Method) -> None:
-    """Compile the loops over a whole log: that of an estimator, and those around it."""
-    run_log(method, SampleLog())
+def warm_up_everything() -> None:
+    """Compile every estimator, and the loops over a whole log, on all cores."""
+    longest_first = [DEFAULT_ESTIMATOR, *(set(ESTIMATORS) - {DEFAULT_ESTIMATOR})]
+    with executor_of(os.cpu_count() or 1) as executor:
+        results(run(warm_up_with_loops, longest_first, executor, key=str))
+
+
+def warm_up_with_loops(name: str) -> str:
+    """Compile an estimator, its loop over a whole log, and those around it."""
+    warm_up(CompanionSettings().with_changes(estimator=name))
+    run_log(ESTIMATORS[name], SampleLog())
     warm_up_blocks()
+    return name
 
 
 def warm_up_blocks() -> None:

@@ -9,10 +9,12 @@ the air.
 
 import math
 from collections.abc import Callable
+from math import isfinite
+from typing import Any
 
 from companion.errors import SimulationError
 from sim import STEP_HZ
-from sim.aircraft_state import Controls, Flow, Motion, Truth, Vector
+from sim.aircraft_state import Controls, Flow, Motion, Truth, Vector, new_motion, new_truth
 from sim.airframes import MODELS, Model, load
 from sim.constants import G0_MPS2
 
@@ -69,7 +71,7 @@ class Aircraft:
         self._wind_mps: Vector = (0.0, 0.0, 0.0)
         self._blown_mps: Vector = (math.nan, math.nan, math.nan)
         """the wind that JSBSim was given last"""
-        self._time_us = 0
+        self.time_us = 0
         self._step_us = 1_000_000 // STEP_HZ
         self._fdm = load(MODELS[model].jsbsim_name)
         self._start(MODELS[model], latitude_deg, longitude_deg, heading_deg, seed)
@@ -100,16 +102,7 @@ class Aircraft:
 
     def _bind(self, engines: int) -> None:
         """Look every property up once: a cached node costs 0.05 us a read, a name 0.13 us."""
-        manager = self._fdm.get_property_manager()
-
-        def reader(name: str) -> Callable[[], float]:
-            read: Callable[[], float] = manager.get_node(name).get_double_value
-            return read
-
-        def writer(name: str) -> Callable[[float], None]:
-            write: Callable[[float], None] = manager.get_node(name).set_double_value
-            return write
-
+        reader = self._reader
         self._run: Callable[[], bool] = self._fdm.run
         self._load_factors = tuple(reader(f"accelerations/N{axis}") for axis in "xyz")
         self._inertial_rates = tuple(reader(f"velocities/{axis}i-rad_sec") for axis in "pqr")
@@ -118,7 +111,6 @@ class Aircraft:
         )
         self._velocity = tuple(reader(f"velocities/v-{n}-fps") for n in ("north", "east", "down"))
         self._attitude = tuple(reader(f"attitude/{n}-rad") for n in ("phi", "theta", "psi"))
-        self._rates = tuple(reader(f"velocities/{axis}-rad_sec") for axis in "pqr")
         # The height that JSBSim's atmosphere uses: 3 cm from geodetic at 5 km.
         self._column_height = reader("position/h-sl-ft")
         self._air = tuple(reader(f"atmosphere/{n}") for n in ("P-psf", "T-R"))
@@ -127,8 +119,29 @@ class Aircraft:
         )
         self.angle_of_attack_rad = reader("aero/alpha-rad")
         self._fuel_lb = reader("propulsion/total-fuel-lbs") if engines else lambda: math.inf
-        self._airspeed_kt = reader("velocities/vc-kts")
         self._weight_on_wheels = reader("gear/wow")
+        rates = (reader(f"velocities/{axis}-rad_sec") for axis in "pqr")
+        self._state = (
+            *self._position,
+            *self._velocity,
+            *self._attitude,
+            *rates,
+            reader("velocities/vc-kts"),
+            self._weight_on_wheels,
+        )
+        """what `truth` reads, in its order"""
+        self._bind_controls(engines)
+
+    def _reader(self, name: str) -> Callable[[], float]:
+        node: Any = self._fdm.get_property_manager().get_node(name)
+        return node.get_double_value  # type: ignore[no-any-return]
+
+    def _writer(self, name: str) -> Callable[[float], None]:
+        node: Any = self._fdm.get_property_manager().get_node(name)
+        return node.set_double_value  # type: ignore[no-any-return]
+
+    def _bind_controls(self, engines: int) -> None:
+        writer = self._writer
         self._stick = tuple(writer(f"fcs/{n}-cmd-norm") for n in ("elevator", "aileron", "rudder"))
         self._throttles = tuple(
             writer(f"fcs/throttle-cmd-norm[{number}]") for number in range(engines)
@@ -139,7 +152,7 @@ class Aircraft:
             writer(f"{'gear' if n == 'gear' else 'fcs'}/{n}-cmd-norm") for n in rarely
         )
         self._rare: tuple[float, ...] = ()
-        """values last written there, without the left brake, which equals the right one"""
+        """values last written there"""
         for number in range(engines):
             self._fdm[f"fcs/mixture-cmd-norm[{number}]"] = 1.0
         self._set_air = tuple(writer(f"atmosphere/{n}") for n in ("P-sl-psf", "delta-T"))
@@ -150,17 +163,21 @@ class Aircraft:
     def control(self, controls: Controls) -> None:
         """Set the controls. Those that change rarely are written only on a change: a write costs
         0.1 us."""
-        elevator, aileron, rudder, throttle, *others = controls
-        self._stick[0](-elevator)  # JSBSim's elevator is positive trailing edge down
-        self._stick[1](aileron)
-        self._stick[2](-rudder)  # and its rudder positive trailing edge left
+        elevator, aileron, rudder, throttle, brake, steering, flaps, gear, lift_dump = controls
+        write_elevator, write_aileron, write_rudder = self._stick
+        write_elevator(-elevator)  # JSBSim's elevator is positive trailing edge down
+        write_aileron(aileron)
+        write_rudder(-rudder)  # and its rudder positive trailing edge left
+        speedbrake = 0.0
+        if throttle < 0.0:
+            throttle, speedbrake = 0.0, -throttle
         for write in self._throttles:
-            self._throttle = max(throttle, 0.0)
-            write(self._throttle)
-        rare = (max(-throttle, 0.0), *others)
+            self._throttle = throttle
+            write(throttle)
+        rare = (brake, speedbrake, brake, steering, flaps, gear, lift_dump)
         if rare != self._rare:
             self._rare = rare
-            for write, value in zip(self._rarely, (controls.brake, *rare), strict=True):
+            for write, value in zip(self._rarely, rare, strict=True):
                 write(value)
 
     # Weather. It acts on the next step.
@@ -179,9 +196,8 @@ class Aircraft:
         if self._column is None:
             for name in ("pressure", "temperature", "density"):
                 self._fdm[f"atmosphere/override/{name}"] = 0.0
-            manager = self._fdm.get_property_manager()
             self._override = tuple(
-                manager.get_node(f"atmosphere/override/{name}").set_double_value
+                self._writer(f"atmosphere/override/{name}")
                 for name in ("pressure", "temperature", "density")
             )
         self._column = column
@@ -247,7 +263,7 @@ class Aircraft:
         self.control(Controls(brake=1.0))
         self.advance(round(duration_s * STEP_HZ))
         self.mean_motion()
-        self._time_us = 0
+        self.time_us = 0
 
     def advance(self, steps: int) -> None:
         """Step the dynamics, and sum specific force and rates for `mean_motion`."""
@@ -269,7 +285,7 @@ class Aircraft:
             sum_r += r()
         self._sums = (sum_nx, sum_ny, sum_nz, sum_p, sum_q, sum_r)
         self._summed += steps
-        self._time_us += steps * self._step_us
+        self.time_us += steps * self._step_us
 
     def mean_motion(self) -> Motion:
         """Mean specific force and rates over the steps since the last call."""
@@ -281,11 +297,9 @@ class Aircraft:
         # JSBSim's Nz is positive upwards, one at rest; the body's z axis points down.
         self._sums = _NOTHING
         self._summed = 0
-        return Motion((nx * scale, ny * scale, -nz * scale), (p / count, q / count, r / count))
-
-    @property
-    def time_us(self) -> int:
-        return self._time_us
+        return new_motion(
+            ((nx * scale, ny * scale, -nz * scale), (p / count, q / count, r / count))
+        )
 
     @property
     def powered(self) -> bool:
@@ -329,38 +343,39 @@ class Aircraft:
 
     def truth(self) -> Truth:
         """The present state. Raises `SimulationError` if it is not plausible."""
-        lat, lon, alt = self._position
-        north, east, down = self._velocity
-        roll, pitch, yaw = self._attitude
-        p, q, r = self._rates
+        lat, lon, alt, north, east, down, roll, pitch, yaw, p, q, r, airspeed, wow = self._state
         pressure_pa, temperature_k = self.air()
-        truth = Truth(
-            self._time_us,
-            lat(),
-            lon(),
-            alt() * _FT,
-            north() * _FT,
-            east() * _FT,
-            down() * _FT,
-            roll(),
-            pitch(),
-            yaw(),
-            p(),
-            q(),
-            r(),
-            pressure_pa,
-            temperature_k,
-            self._airspeed_kt() * _KT,
-            self._weight_on_wheels() > 0.5,
+        altitude_m = alt() * _FT
+        truth = new_truth(
+            (
+                self.time_us,
+                lat(),
+                lon(),
+                altitude_m,
+                north() * _FT,
+                east() * _FT,
+                down() * _FT,
+                roll(),
+                pitch(),
+                yaw(),
+                p(),
+                q(),
+                r(),
+                pressure_pa,
+                temperature_k,
+                airspeed() * _KT,
+                wow() > 0.5,
+            )
         )
-        self._check(truth)
+        is_flying = altitude_m - self._ground_m > self._rest_height_m + 1.0
+        if not (is_flying and isfinite(sum(truth))):
+            self._check(truth)
         return truth
 
     def _check(self, truth: Truth) -> None:
-        if not math.isfinite(sum(truth)):
-            bad = ", ".join(
-                name for name, value in truth._asdict().items() if not math.isfinite(value)
-            )
+        """Raise `SimulationError` for a state that is not finite, or a crash."""
+        if not isfinite(sum(truth)):
+            bad = ", ".join(name for name, value in truth._asdict().items() if not isfinite(value))
             raise SimulationError(
                 f"at {truth.time_us / 1e6:.2f} s the flight dynamics diverged: {bad} not finite"
             )

@@ -1,6 +1,8 @@
 """State of the simulated aircraft in SI units: truth, controls, motion and air flow."""
 
-from typing import NamedTuple
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
 
 Vector = tuple[float, float, float]
 
@@ -33,6 +35,10 @@ class Truth(NamedTuple):
         return -self.down_mps
 
 
+new_truth: Callable[[tuple[Any, ...]], Truth] = partial(tuple.__new__, Truth)
+"""`Truth` of a tuple, without the Python code of its constructor"""
+
+
 class Controls(NamedTuple):
     """Positions of the controls, -1..1 or 0..1. Positive pitches up, rolls right, yaws right."""
 
@@ -57,6 +63,10 @@ class Motion(NamedTuple):
     specific_force_b_mps2: Vector
     angular_rate_b_radps: Vector
     """rate relative to inertial space, so it contains the Earth's rotation"""
+
+
+new_motion: Callable[[tuple[Vector, Vector]], Motion] = partial(tuple.__new__, Motion)
+"""`Motion` of a tuple, without the Python code of its constructor"""
 
 
 class Flow(NamedTuple):

@@ -184,7 +184,10 @@ def demo(
     ] = "20",
     scenario: Annotated[
         str, typer.Option(help="Name of a scenario (see `list`).")
-    ] = "weather-change",
+    ] = "weather-front",
+    minutes: Annotated[
+        float, typer.Option(help="Simulated minutes after which the flight ends.", min=1.0)
+    ] = 20.0,
     out: Annotated[
         Path, typer.Option(help="Folder for the log and the plot.", metavar="DIR")
     ] = Path("out/demo"),
@@ -208,17 +211,16 @@ def demo(
     )
     options = ["--http", http] if http else []
     tlog = show.fly(
-        scenario, pace, out, DemoTable().show, lambda text: print(text, flush=True), options
+        scenario,
+        pace,
+        out,
+        DemoTable().show,
+        lambda text: print(text, flush=True),
+        options,
+        limit_s=60.0 * minutes,
     )
     collector = show.judge(tlog)
-    print(
-        f"\n{'against truth, after the first minute (m)':42s}"
-        f"{'RMSE':>8s}{'95 %':>8s}{'max':>8s}{'bias':>8s}"
-    )
-    for label, found in show.errors(collector).items():
-        print(
-            f"{label:42s}{found.rmse_m:8.2f}{found.p95_m:8.2f}{found.max_m:8.2f}{found.bias_m:8.2f}"
-        )
+    print(f"\n{show.error_table(collector)}")
     picture = out / f"{scenario}.png"
     show.plot(collector, picture, f"{scenario}: what each source says, and by how much it is wrong")
     print(f"\nplot:   {picture}\nlog:    {tlog} (try: kollsman replay {tlog})", flush=True)

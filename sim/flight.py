@@ -33,7 +33,8 @@ from sim.sensors.barometer import Barometer
 from sim.sensors.gnss import Fix, GnssReceiver
 from sim.sensors.imu import Imu
 from sim.sensors.thermometer import Thermometer
-from sim.vehicle.flavours import FLAVOURS, FlavourName
+from sim.vehicle.ardupilot import HYGROMETER_ID
+from sim.vehicle.flavours import FLAVOURS, Flavour, FlavourName
 from sim.vehicle.own_estimate import OwnEstimate
 from sim.vehicle.ports import Port
 from sim.vehicle.vehicle import Heard, Vehicle
@@ -53,6 +54,7 @@ _READS_PER_TICK = 32
 """Largest number of datagrams that a link reads in a tick, so that a flood does not stop the
 flight."""
 _REPORT_US = 1_000_000
+_PARKED = Mode.PARKED  # looked up in its class, a member costs four times as much (Python 3.11)
 _AIRBORNE = (Mode.AIRSPEED, Mode.ALTITUDE, Mode.APPROACH)
 """modes in which the aircraft must not touch the ground"""
 _NEAR_THE_GROUND = (Mode.PARKED, Mode.FLARE, Mode.ROLL_OUT)
@@ -146,17 +148,19 @@ class Flight:
             face,
         )
         self.vehicle.state.true_air = self.weather.truth
-        rates_hz = scenario.streams_hz if all_streams else {}
         self._links = [
-            (link, Port(link.url, self._delivery(link), rates_hz, full=all_streams, flavour=face))
-            for link in links
+            (link, self._port(link.url, self._delivery(link), face, all_streams)) for link in links
         ]
-        for _, port in self._links:
-            self.vehicle.add_port(port)
         if self._writer is not None:
-            self.vehicle.add_port(
-                Port(str(tlog), self._delivery(None), scenario.streams_hz, full=True, flavour=face)
-            )
+            self._port(str(tlog), self._delivery(None), face, full=True)
+
+    def _port(self, name: str, deliver: Callable[[bytes], bool], face: Flavour, full: bool) -> Port:
+        """A port of the vehicle's, with the scenario's rates or the flavour's."""
+        rates_hz = self.scenario.streams_hz if full else {}
+        absent = () if self.thermometer.config.fitted else (HYGROMETER_ID,)
+        port = Port(name, deliver, rates_hz, full=full, flavour=face, absent=absent)
+        self.vehicle.add_port(port)
+        return port
 
     def _start_aircraft(self, seed: int) -> None:
         scenario, runway = self.scenario, self.scenario.runway
@@ -252,24 +256,21 @@ class Flight:
 
     def tick(self) -> None:
         """Advance by one tick of `sim.TICK_US`."""
+        aircraft, vehicle = self.aircraft, self.vehicle
         if self.time_us % _WEATHER_US == 0:
             self.weather.update(self.time_us * 1e-6)
             self._check_fuel()
-        self.aircraft.advance(STEPS_PER_TICK)
-        self.time_us = self.aircraft.time_us
-        state = self.vehicle.state
-        state.time_us = self.time_us
-        if self.time_us % MOTION_US == 0:
-            self._motion()
-        if self.time_us % self.barometer.period_us == 0:
-            flow = self.aircraft.flow() if self.barometer.feels_flow else None
-            reading = self.barometer.measure(self.time_us, *self.aircraft.air(), flow)
-            self.vehicle.on_pressure(reading)
-        if self.time_us % self.thermometer.period_us == 0:
-            state.air_temperature_k = self.thermometer.measure(self.aircraft.air()[1])
-        fix = self.gnss.deliver(self.time_us)
-        if fix is not None:
-            self.vehicle.on_fix(fix)
+        aircraft.advance(STEPS_PER_TICK)
+        self.time_us = vehicle.state.time_us = now_us = aircraft.time_us
+        if now_us % MOTION_US == 0:
+            self._motion(now_us)
+        if now_us % self.barometer.period_us == 0:
+            flow = aircraft.flow() if self.barometer.feels_flow else None
+            vehicle.on_pressure(self.barometer.measure(now_us, *aircraft.air(), flow))
+        if now_us % self.thermometer.period_us == 0:
+            vehicle.state.air_temperature_k = self.thermometer.measure(aircraft.air()[1])
+        if self.gnss.arrives_us <= now_us and (fix := self.gnss.deliver(now_us)) is not None:
+            vehicle.on_fix(fix)
             if self._on_fix is not None:
                 self._on_fix(fix)
         for link, port in self._links:
@@ -277,10 +278,10 @@ class Flight:
                 if not (data := link.receive(0.0)):
                     break
                 self._received_bytes += len(data)
-                self.vehicle.receive(port, data)
-        self.vehicle.stream()
+                vehicle.receive(port, data)
+        vehicle.stream()
         for injector in self._injectors:
-            injector.due(BOOT_UNIX_US + self.time_us)
+            injector.due(BOOT_UNIX_US + now_us)
 
     def _check_fuel(self) -> None:
         """Raise `SimulationError` when the fuel is used up."""
@@ -302,43 +303,41 @@ class Flight:
                 "bank_deg or another airspeed_mps"
             )
 
-    def _motion(self) -> None:
+    def _motion(self, now_us: int) -> None:
         """The steps at 50 Hz: truth, autopilot, IMU, GNSS, the vehicle's own estimate."""
-        state = self.vehicle.state
+        state, estimate = self.vehicle.state, self.vehicle.estimate
         state.truth = truth = self.aircraft.truth()
         self._fly(self.profile.seen(truth, state.position, self.scenario.flown_by))
-        if self.time_us % self.imu.period_us == 0:
-            state.motion = self.aircraft.mean_motion()
-            state.imu = self.imu.measure(self.time_us, state.motion)
-        if self.time_us % self.gnss.period_us == 0:
+        if now_us % self.imu.period_us == 0:
+            state.motion = motion = self.aircraft.mean_motion()
+            state.imu = self.imu.measure(now_us, motion)
+        if now_us % self.gnss.period_us == 0:
             self.gnss.measure(truth)
-        state.attitude_rad = self.vehicle.estimate.attitude(truth)
-        state.position = self.vehicle.estimate.position(self.time_us)
+        state.attitude_rad = estimate.attitude(truth)
+        state.position = estimate.position(now_us)
 
     def _fly(self, truth: Truth) -> None:
-        before = self.profile.leg
-        target = self.profile.update(truth)
+        profile, state = self.profile, self.vehicle.state
+        before = profile.leg
+        target = profile.update(truth)
         controls = self.autopilot.update(truth, target)
         self.aircraft.control(controls)
-        self.vehicle.state.throttle = max(controls.throttle, 0.0)
-        armed = target.mode is not Mode.PARKED
-        if armed != self.vehicle.state.armed:
-            self.vehicle.arm(armed)
-        if self.profile.leg is not before:
-            self.vehicle.say(f"Mission: {self.profile.describe()}")
-        if target.mode not in _NEAR_THE_GROUND:
-            self._stall.check(truth, self.profile.leg, self.profile.describe)
-        if isinstance(self.profile.leg, Hold):
+        state.throttle = max(controls.throttle, 0.0)
+        leg, mode = profile.leg, target.mode
+        if (mode is not _PARKED) != state.armed:
+            self.vehicle.arm(mode is not _PARKED)
+        if leg is not before:
+            self.vehicle.say(f"Mission: {profile.describe()}")
+        if mode not in _NEAR_THE_GROUND:
+            self._stall.check(truth, leg, profile.describe)
+        if isinstance(leg, Hold):
             self._check_altitude(truth, target)
-        if (
-            target.mode is Mode.PARKED
-            and truth.altitude_amsl_m > self.aircraft.ground_m + _LIFTED_M
-        ):
+        if mode is _PARKED and truth.altitude_amsl_m > self.aircraft.ground_m + _LIFTED_M:
             raise SimulationError(
                 f"at {truth.time_us / 1e6:.2f} s the wind lifted the aircraft off the ground "
                 f"during '{self.profile.describe()}': reduce the wind of the scenario"
             )
-        if truth.on_ground and target.mode in _AIRBORNE:
+        if truth.on_ground and mode in _AIRBORNE:
             raise SimulationError(
                 f"at {truth.time_us / 1e6:.2f} s the aircraft hit the ground during "
                 f"'{self.profile.describe()}', sinking at {truth.down_mps:.1f} m/s"
@@ -349,26 +348,15 @@ class Flight:
     def _delivery(self, link: Link | None) -> Callable[[bytes], bool]:
         """The delivery of a port's frames to `link`, or to the log, through the scenario's
         faults."""
-        deliver = self._log if link is None else link.send
         if not self.scenario.faults:
-            return deliver
-        if link is None:
-            injector = FaultInjector(
-                self.scenario.faults, self._seed, self._log_time_us, self._log_packet
-            )
-        else:
-            injector = FaultInjector(
-                self.scenario.faults,
-                self._seed,
-                self._log_time_us,
-                lambda packet: link.send(packet.data),
-            )
+            return self._log if link is None else link.send
+        deliver = self._log_packet if link is None else lambda packet: link.send(packet.data)
+        injector = FaultInjector(self.scenario.faults, self._seed, self._log_time_us, deliver)
         self._injectors.append(injector)
         return injector
 
     def _log(self, frame: bytes) -> bool:
-        assert self._writer is not None
-        self._writer.write(BOOT_UNIX_US + self.time_us, frame)
+        self._writer.write(BOOT_UNIX_US + self.time_us, frame)  # type: ignore[union-attr]
         return True
 
     def _log_packet(self, packet: Packet) -> bool:

@@ -63,6 +63,9 @@ class Method:
         return frozenset(self.steps) - self.optional
 
 
+_VERDICTS = tuple(Verdict)
+
+
 class Filter:
     """One running estimator: a method, its parameters, its state and its latest estimate."""
 
@@ -76,7 +79,7 @@ class Filter:
 
     def step(self, kind: Kind, sample: Rows) -> Verdict:
         """Take in one sample (a one-element array of its kind's dtype)."""
-        return Verdict(self._steps[kind](self.state, self.params, sample, self.estimate))
+        return _VERDICTS[self._steps[kind](self.state, self.params, sample, self.estimate)]
 
     @property
     def is_valid(self) -> bool:

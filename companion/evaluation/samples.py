@@ -57,8 +57,9 @@ class Sampler(Pipeline):
     def __init__(self, settings: CompanionSettings, observer: Observer) -> None:
         super().__init__(settings, datagrams=True, observer=observer, sends=False)
 
-    def _sample(self, kind: Kind, row: Rows) -> list[bytes]:
-        known = self.air.follow(kind, row, self.now_us)
+    def _sample(self, kind: Kind, row: Rows, instance: int = 0) -> list[bytes]:
+        del instance
+        known = self.air.follow(kind, row, self.now_us, self.estimate)
         if known is not None:
             self._sample(Kind.AIR, self.intake.air(known, row))
         self.identity.measured(kind)
@@ -67,7 +68,7 @@ class Sampler(Pipeline):
             self._observer.sample(kind, row, Verdict.IGNORED, self.estimate)
         return []
 
-    def _react(self, *, used: bool) -> list[bytes]:
+    def _react(self, now_us: int, *, used: bool) -> list[bytes]:
         return []
 
 

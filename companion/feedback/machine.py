@@ -323,7 +323,7 @@ class Feedback:
             return self._write(knob, now_us, 0.0) if self._failures < FAILURES else []
         if self.phase is not Phase.READY or self.hold is not Hold.NONE:
             return []
-        limit_m = self.settings.proof_sd * math.hypot(self._reference_sd_m, self._sd_m)
+        limit_m = self.settings.proof_ratio * math.hypot(self._reference_sd_m, self._sd_m)
         wanted_m = target_m(self.offset_m, self._need.total_m - self._reference_m, limit_m)
         bound_m = self.settings.bound_m
         error_m = max(-bound_m, min(bound_m, wanted_m)) - self.offset_m

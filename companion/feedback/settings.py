@@ -24,7 +24,7 @@ class FeedbackSettings(Settings):
     """height above the field below which nothing is written while armed; 0 allows it"""
     dead_band_m: float = Field(0.5, ge=0, le=10)
     """error of the autopilot's altitude at which a correction starts"""
-    proof_sd: float = Field(2.0, ge=0, le=10)
+    proof_ratio: float = Field(2.0, ge=0, le=10)
     """number of its own standard deviations that a change must exceed before any of it is written;
     larger changes are written almost whole, and 0 writes every change"""
     period_s: float = Field(2.0, ge=2, le=60)

@@ -1,7 +1,6 @@
 """Quality of a link: lost frames and jitter of each sender, and rejects by reason."""
 
 import math
-import struct
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cache
@@ -27,22 +26,23 @@ class Sender:
     """frames missing by sequence number"""
     jitter_s: float = 0.0
     """mean deviation of the transit time (RFC 3550); 0 while no message tells the time"""
-    _sequence: int | None = None
+    _next: int | None = None
+    """sequence number of its next frame"""
     _transit_us: dict[int, int] = field(default_factory=dict)
 
     def take(self, frame: Frame, now_us: int) -> None:
         """Count a frame that arrived at `now_us` on the host's clock."""
         self.frames += 1
-        if self._sequence is not None:
-            gap = (frame.sequence - self._sequence - 1) % 256
+        message_id, sequence = frame.message_id, frame.sequence
+        if sequence != self._next and self._next is not None:
+            gap = (sequence - self._next) % 256
             self.lost += gap if gap < LATEST else 0
-        self._sequence = frame.sequence
-        boot_ms = _boot_ms(frame)
-        if boot_ms is None:
+        self._next = (sequence + 1) % 256
+        if not _starts_with_boot_ms(message_id):
             return
-        transit_us = now_us - boot_ms * 1000
-        before_us = self._transit_us.get(frame.message_id)
-        self._transit_us[frame.message_id] = transit_us
+        transit_us = now_us - _boot_ms(frame) * 1000
+        before_us = self._transit_us.get(message_id)
+        self._transit_us[message_id] = transit_us
         if before_us is not None and abs(transit_us - before_us) < 10_000_000:  # else a restart
             deviation_s = abs(transit_us - before_us) * 1e-6
             self.jitter_s += (deviation_s - self.jitter_s) * JITTER_GAIN
@@ -102,10 +102,7 @@ def _starts_with_boot_ms(message_id: int) -> bool:
     return bool(kind.ordered_fieldnames[0] == "time_boot_ms")
 
 
-def _boot_ms(frame: Frame) -> int | None:
-    """``time_boot_ms`` of a message that has it first on the wire; None for others."""
-    if not _starts_with_boot_ms(frame.message_id):
-        return None
+def _boot_ms(frame: Frame) -> int:
+    """``time_boot_ms`` of a message that has it first on the wire."""
     head = V2_HEADER if frame.version == 2 else V1_HEADER
-    payload = frame.data[head : head + min(4, frame.data[1])].ljust(4, b"\0")
-    return int(struct.unpack("<I", payload)[0])
+    return int.from_bytes(frame.data[head : head + min(4, frame.data[1])], "little")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from companion.clock import Clock
 from companion.errors import LinkError
-from companion.links.base import Backoff, BaseLink, HasFileno, readable
+from companion.links.base import Backoff, BaseLink, HasFileno, Incoming, LinkState, readable
 from companion.links.sockets import Address, listener, resolve
 from companion.links.urls import Endpoint
 
@@ -17,6 +17,8 @@ KNOWN_AFTER = 3
 NEW_PEER_LIFETIME_S = 5.0
 PEER_LIFETIME_S = 60.0
 """Time of silence after which a peer is forgotten; that of mavp2p."""
+CHECK_US = 100_000
+"""interval at which silent peers are looked for"""
 MAX_PEERS = 16
 DATAGRAM_SIZE = 65535
 RECEIVE_BUFFER_SIZE = 1 << 20
@@ -48,13 +50,15 @@ class UdpIn(BaseLink):
         self._socket = listener(endpoint, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_SIZE)
         super().__init__(str(endpoint._replace(number=self._socket.getsockname()[1])), clock)
+        self._incoming = Incoming(self._socket)
         self._last: Address | None = None
+        self._checked_us = clock.now_us()
         self._peers: dict[Address, _Peer] = {}  # longest silent first
 
     def _receive(self, timeout_s: float) -> bytes:
         self._forget_silent()
         try:
-            if not readable(self._socket, timeout_s):
+            if not self._incoming.within(timeout_s):
                 return b""
             data, peer = self._socket.recvfrom(DATAGRAM_SIZE)
         except OSError:  # the fate of an earlier datagram of ours
@@ -76,12 +80,15 @@ class UdpIn(BaseLink):
             others = list(self._peers)[:-1]
             unknown = (other for other in others if not self._peers[other].is_known)
             del self._peers[next(unknown, others[0])]
-        self._found(f"heard {address[0]}:{address[1]}")
+        if self._state is not LinkState.OPEN:
+            self._found(f"heard {address[0]}:{address[1]}")
 
     def _send(self, data: bytes) -> bool:
         self._forget_silent()
-        sent = [self._send_to(peer, data) for peer in self._peers]
-        return any(sent)
+        sent = False
+        for peer in self._peers:
+            sent |= self._send_to(peer, data)
+        return sent
 
     def _send_to(self, peer: Address, data: bytes) -> bool:
         try:
@@ -92,6 +99,9 @@ class UdpIn(BaseLink):
 
     def _forget_silent(self) -> None:
         now_us = self._clock.now_us()
+        if 0 <= now_us - self._checked_us < CHECK_US:
+            return
+        self._checked_us = now_us
         for address, peer in list(self._peers.items()):
             lifetime_s = PEER_LIFETIME_S if peer.is_known else NEW_PEER_LIFETIME_S
             if now_us - peer.heard_us > round(lifetime_s * 1e6):

@@ -40,6 +40,7 @@ from companion.mavlink.record_scan import INDEX, scan_records
 from companion.samples import Packet, Rows, rows
 
 _STAMP = struct.Struct(">Q")
+_pack_stamp = _STAMP.pack
 _LAST_TIME_US = 32_503_680_000_000_000  # the year 3000
 _NEIGHBOUR_US = 86_400_000_000
 _CHUNK = 1 << 20
@@ -328,7 +329,7 @@ class TlogWriter:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        self._flushed_us: int | None = None
+        self._flushed_us = -_FLUSH_US
         try:
             self._file = self.path.open("wb")
         except FileNotFoundError as error:
@@ -341,8 +342,8 @@ class TlogWriter:
     def write(self, time_us: int, frame: bytes) -> None:
         """Append one whole frame that was read or sent at `time_us` (UNIX microseconds)."""
         try:
-            self._file.write(_STAMP.pack(time_us) + frame)
-            if self._flushed_us is None or not 0 <= time_us - self._flushed_us < _FLUSH_US:
+            self._file.write(_pack_stamp(time_us) + frame)
+            if not 0 <= time_us - self._flushed_us < _FLUSH_US:
                 self._file.flush()
                 self._flushed_us = time_us
         except OSError as error:

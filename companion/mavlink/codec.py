@@ -19,9 +19,10 @@ arrived. On a live link, `Decoder.flush` when the line has been silent for longe
 lasts, or use ``Decoder(datagrams=True)`` where a packet holds whole frames.
 """
 
-from collections import Counter
+from collections import Counter, namedtuple
 from collections.abc import Callable
 from functools import cache
+from operator import attrgetter
 from typing import Any, NamedTuple, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -31,8 +32,10 @@ from companion.mavlink.framing import (
     CRC_EXTRA,
     FOREIGN,
     MAX_FRAME_SIZE,
+    V1,
     V1_HEADER,
     V1_LENGTHS,
+    V2,
     V2_HEADER,
     Frame,
     FrameReject,
@@ -51,13 +54,15 @@ __all__ = [
     "Frame",
     "Message",
     "decode",
+    "light",
     "mavlink",
     "scan",
 ]
 
 Message: TypeAlias = Any
 """A pymavlink message: ``get_type()``, ``get_srcSystem()``, its fields as attributes in MAVLink's
-own units."""
+own units. A light one is a named tuple of the fields."""
+_V1, _V2 = bytes([V1]), bytes([V2])
 
 
 class Decoder:
@@ -95,6 +100,13 @@ class Decoder:
             self.counters[FrameReject.DECODE] += 1
         return message
 
+    def read(self, frame: Frame) -> Message | None:
+        """The same as a light message where its kind has one: many times faster."""
+        message = frame.message if frame.message is not None else light(frame)
+        if message is None:
+            self.counters[FrameReject.DECODE] += 1
+        return message
+
     def _cut(self, buffer: bytes, *, final: bool) -> list[Frame]:
         frames: list[Frame] = []
         offset, size = 0, len(buffer)
@@ -103,7 +115,8 @@ class Decoder:
             if isinstance(found, Frame):
                 frames.append(found)
                 offset += len(found.data)
-                self._clear_suspect()
+                if self._suspect is not None:
+                    self._clear_suspect()
                 continue
             if found is None:
                 if not final:
@@ -205,6 +218,46 @@ def decode(frame: Frame) -> Message | None:
     return message
 
 
+class Numbers(NamedTuple):
+    """A kind whose fields are all single numbers."""
+
+    unpack: Callable[[bytes], tuple[Any, ...]]
+    pack: Callable[..., bytes]
+    size: int
+    make: Callable[[tuple[Any, ...]], Message]
+    """makes a light message of the fields in the order of the wire"""
+    fields: Callable[[Message], Any]
+    """these fields of a message"""
+
+
+@cache
+def numbers(message_id: int) -> Numbers | None:
+    """The layout of a kind, or None when it has texts, arrays or an id that is not known."""
+    kind = mavlink.mavlink_map.get(message_id)
+    if kind is None or max(kind.lengths) != 1 or "char" in kind.fieldtypes:
+        return None
+    names, wire = kind.ordered_fieldnames, kind.unpacker
+    plain: Any = namedtuple(kind.msgname, names)  # type: ignore[misc]
+    more = {"__slots__": (), "get_type": staticmethod(lambda: kind.msgname)}
+    made: Any = type(kind.msgname, (plain,), more)
+    fields = attrgetter(*names) if len(names) > 1 else lambda each: (getattr(each, names[0]),)
+    return Numbers(wire.unpack, wire.pack, wire.size, made._make, fields)
+
+
+def light(frame: Frame) -> Message | None:
+    """The message in `frame` as a named tuple of its fields, and as `decode` gives it where these
+    are not all single numbers."""
+    found = numbers(frame.message_id)
+    if found is None:
+        return decode(frame)
+    data = frame.data
+    head = V2_HEADER if frame.version == 2 else V1_HEADER
+    payload = data[head : head + data[1]]
+    if len(payload) < found.size:
+        payload = payload.ljust(found.size, b"\0")
+    return found.make(found.unpack(payload[: found.size]))
+
+
 def _field(value: Any) -> Any:
     if isinstance(value, bytes):
         return value.rstrip(b"\0")
@@ -216,6 +269,7 @@ class Encoder:
 
     def __init__(self, system_id: int, component_id: int, signing: Signing | None = None) -> None:
         self._mav = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=component_id)
+        self._ids = system_id, component_id
         self._signing = signing
         if signing is not None:
             own = self._mav.signing
@@ -230,11 +284,33 @@ class Encoder:
         """
         if self._signing is not None:
             version, self._mav.signing.timestamp = 2, self._signing.next_stamp()
-        if version == 1 and message.id > 0xFF:
+        message_id: int = type(message).id  # the instance's may be a field of that name
+        if version == 1 and message_id > 0xFF:
             return b""
-        data: bytes = message.pack(self._mav, force_mavlink1=version == 1)
-        self._mav.seq = (self._mav.seq + 1) % 256
-        return _without_extensions(data) if version == 1 else data
+        sequence, found = self._mav.seq, numbers(message_id)
+        if self._signing is None and found is not None:
+            payload = found.pack(*found.fields(message))
+            data = message._msgbuf = self._frame(message_id, payload, sequence, version)
+        else:
+            data = message.pack(self._mav, force_mavlink1=version == 1)
+            data = _without_extensions(data) if version == 1 else data
+        self._mav.seq = (sequence + 1) % 256
+        return data
+
+    def _frame(self, message_id: int, payload: bytes, sequence: int, version: int) -> bytes:
+        """A whole frame, unsigned."""
+        if version == 1:
+            payload = payload[: V1_LENGTHS[message_id].start]
+            start, head = _V1, bytes((len(payload), sequence, *self._ids, message_id))
+        else:
+            payload = payload.rstrip(b"\0") or b"\0"
+            start = _V2
+            head = bytes((len(payload), 0, 0, sequence, *self._ids)) + message_id.to_bytes(
+                3, "little"
+            )
+        body = head + payload
+        crc = mcrf4xx(body + bytes((CRC_EXTRA[message_id],)))
+        return start + body + crc.to_bytes(CHECKSUM, "little")
 
 
 def _without_extensions(data: bytes) -> bytes:

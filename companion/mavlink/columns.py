@@ -6,7 +6,6 @@ one at a time by `companion.mavlink.codec.decode`. A light message is a named tu
 values as pymavlink decodes them: zeros that MAVLink 2 left out and missing extension fields are 0.
 """
 
-from collections import namedtuple
 from collections.abc import Callable, Iterator
 from functools import cache
 from typing import Any, NamedTuple
@@ -14,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.mavlink.codec import Frame, Message, mavlink
+from companion.mavlink.codec import Frame, Message, mavlink, numbers
 from companion.mavlink.framing import CRC_EXTRA, CRC_TABLE, V1_HEADER, V1_LENGTHS, V2_HEADER
 from companion.mavlink.record_scan import gather
 from companion.samples import Rows
@@ -39,11 +38,8 @@ class Layout(NamedTuple):
 @cache
 def layout(message_id: int) -> Layout | None:
     """The layout of a kind, or None when it has texts, arrays or an id that is not known."""
-    kind, dtype = mavlink.mavlink_map.get(message_id), wire_dtype(message_id)
-    if kind is None or dtype is None or max(kind.lengths) != 1:
-        return None
-    light: Any = namedtuple(kind.msgname, kind.ordered_fieldnames)  # type: ignore[misc]
-    return Layout(dtype, light._make)
+    found, dtype = numbers(message_id), wire_dtype(message_id)
+    return None if found is None or dtype is None else Layout(dtype, found.make)
 
 
 @cache

@@ -11,7 +11,7 @@ from enum import Enum
 from typing import Any, NamedTuple
 
 from companion.kernels.atmosphere import G0_MPS2
-from companion.mavlink.codec import Message, mavlink
+from companion.mavlink.codec import Frame, Message, decode, mavlink
 from companion.samples import Kind
 
 ZERO_CELSIUS_K = 273.15
@@ -19,10 +19,13 @@ UNKNOWN_U16 = 65535
 UNKNOWN_U8 = 255
 NO_DOP = 9999
 FIX_3D = 3
+SCALED_PRESSURE = mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE
 
 
 class TimeBase(Enum):
     """What a stamp counts from."""
+
+    __hash__ = object.__hash__  # an enum's own is Python code, and one is hashed for each reading
 
     BOOT = "microseconds since boot"
     EITHER = "microseconds since boot or since 1970"
@@ -41,18 +44,38 @@ class Reading(NamedTuple):
 
 
 Readings = tuple[Reading, ...]
+# Looked up in its class, a member of an enum costs ten times as much (Python 3.11).
+_IMU, _PRESSURE, _GNSS, _ATTITUDE, _AIRSPEED = (
+    Kind.IMU,
+    Kind.PRESSURE,
+    Kind.GNSS,
+    Kind.ATTITUDE,
+    Kind.AIRSPEED,
+)
+_BOOT, _EITHER = TimeBase.BOOT, TimeBase.EITHER
 
 
 def scaled_pressure(message: Message, instance: int) -> Readings:
     """SCALED_PRESSURE/2/3: hPa; the temperature is the sensor die's, in centidegrees. The first
     one's differential pressure is an airspeed; 0 where there is no such sensor."""
-    values = (_finite(message.press_abs * 100.0), message.temperature * 0.01 + ZERO_CELSIUS_K, 0)
+    values = (pressure_pa(message), message.temperature * 0.01 + ZERO_CELSIUS_K, 0)
     stamp_us = message.time_boot_ms * 1000
-    pressure = Reading(Kind.PRESSURE, TimeBase.BOOT, stamp_us, instance, values)
+    pressure = Reading(_PRESSURE, _BOOT, stamp_us, instance, values)
     if instance or message.press_diff == 0.0 or not math.isfinite(message.press_diff):
         return (pressure,)
     speed = (airspeed_mps(message.press_diff * 100.0),)
-    return pressure, Reading(Kind.AIRSPEED, TimeBase.BOOT, stamp_us, 1, speed)
+    return pressure, Reading(_AIRSPEED, _BOOT, stamp_us, 1, speed)
+
+
+def pressure_pa(message: Message) -> float:
+    """SCALED_PRESSURE: the absolute pressure; NaN where that is no number."""
+    return _finite(message.press_abs * 100.0)
+
+
+def station_pressure_pa(frame: Frame) -> float | None:
+    """The pressure in a frame of a ground barometer; None for another message."""
+    message = decode(frame) if frame.message_id == SCALED_PRESSURE else None
+    return pressure_pa(message) if message is not None else None
 
 
 def airspeed_mps(dynamic_pa: float) -> float:
@@ -68,7 +91,7 @@ def airspeed_mps(dynamic_pa: float) -> float:
 
 def vfr_hud(message: Message) -> Readings:
     """VFR_HUD: the airspeed that the autopilot shows, measured or estimated. It has no stamp."""
-    return (Reading(Kind.AIRSPEED, TimeBase.NONE, 0, 0, (_finite(message.airspeed),)),)
+    return (Reading(_AIRSPEED, TimeBase.NONE, 0, 0, (_finite(message.airspeed),)),)
 
 
 def gps_raw(message: Message, instance: int) -> Readings:
@@ -95,7 +118,7 @@ def gps_raw(message: Message, instance: int) -> Readings:
         -1 if message.satellites_visible == UNKNOWN_U8 else message.satellites_visible,
         0,
     )
-    return (Reading(Kind.GNSS, TimeBase.EITHER, message.time_usec, instance, values),)
+    return (Reading(_GNSS, _EITHER, message.time_usec, instance, values),)
 
 
 def attitude(message: Message) -> Readings:
@@ -106,7 +129,7 @@ def attitude(message: Message) -> Readings:
         _finite(message.yaw),
         _body_rates(message),
     )
-    return (Reading(Kind.ATTITUDE, TimeBase.BOOT, message.time_boot_ms * 1000, 0, values),)
+    return (Reading(_ATTITUDE, _BOOT, message.time_boot_ms * 1000, 0, values),)
 
 
 def attitude_quaternion(message: Message) -> Readings:
@@ -120,7 +143,7 @@ def attitude_quaternion(message: Message) -> Readings:
     pitch = math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))
     yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     values = (roll, pitch, yaw, _body_rates(message))
-    return (Reading(Kind.ATTITUDE, TimeBase.BOOT, message.time_boot_ms * 1000, 0, values),)
+    return (Reading(_ATTITUDE, _BOOT, message.time_boot_ms * 1000, 0, values),)
 
 
 def distance_sensor(message: Message) -> Readings:
@@ -134,9 +157,7 @@ def distance_sensor(message: Message) -> Readings:
     )
     downward = int(message.orientation == mavlink.MAV_SENSOR_ROTATION_PITCH_270)
     values = (distance_m, downward)
-    return (
-        Reading(Kind.RANGE, TimeBase.BOOT, message.time_boot_ms * 1000, message.id % 4, values),
-    )
+    return (Reading(Kind.RANGE, _BOOT, message.time_boot_ms * 1000, message.id % 4, values),)
 
 
 def heartbeat(message: Message) -> Readings:
@@ -160,7 +181,7 @@ def extended_sys_state(message: Message) -> Readings:
 def system_time(message: Message) -> Readings:
     """SYSTEM_TIME: nothing but the boot clock, for vehicles whose other stamps may count from
     anything."""
-    return (Reading(Kind.STATUS, TimeBase.BOOT, message.time_boot_ms * 1000, 0, (-1, -1, 0)),)
+    return (Reading(Kind.STATUS, _BOOT, message.time_boot_ms * 1000, 0, (-1, -1, 0)),)
 
 
 def home_position(message: Message) -> Readings:
@@ -174,14 +195,14 @@ def home_position(message: Message) -> Readings:
 def imu_milli_g(message: Message, instance: int) -> Readings:
     """SCALED_IMU/2/3: mG and mrad/s since boot milliseconds."""
     values = _inertial(message, 1e-3 * G0_MPS2)
-    return (Reading(Kind.IMU, TimeBase.BOOT, message.time_boot_ms * 1000, instance, values),)
+    return (Reading(_IMU, _BOOT, message.time_boot_ms * 1000, instance, values),)
 
 
 def raw_imu(message: Message, accelerometer_scale: float) -> Readings:
     """RAW_IMU: int16 in the unit of the autopilot's choice; rates are mrad/s wherever accelerations
     are scaled."""
     values = _inertial(message, accelerometer_scale)
-    return (Reading(Kind.IMU, TimeBase.EITHER, message.time_usec, 0, values),)
+    return (Reading(_IMU, _EITHER, message.time_usec, 0, values),)
 
 
 def highres_imu(message: Message) -> Readings:
@@ -192,16 +213,12 @@ def highres_imu(message: Message) -> Readings:
     if updated & 0x3F:
         force = (_finite(message.xacc), _finite(message.yacc), _finite(message.zacc))
         rate = (_finite(message.xgyro), _finite(message.ygyro), _finite(message.zgyro))
-        readings.append(
-            Reading(Kind.IMU, TimeBase.EITHER, message.time_usec, message.id % 4, (force, rate))
-        )
+        readings.append(Reading(_IMU, _EITHER, message.time_usec, message.id % 4, (force, rate)))
     if updated & 0x200 and message.abs_pressure > 0:
         pressure_pa = message.abs_pressure * (100.0 if message.abs_pressure < 2000.0 else 1.0)
         die_k = _finite(message.temperature + ZERO_CELSIUS_K) if updated & 0x1000 else math.nan
         values = (_finite(pressure_pa), die_k, 0)
-        readings.append(
-            Reading(Kind.PRESSURE, TimeBase.EITHER, message.time_usec, message.id % 4, values)
-        )
+        readings.append(Reading(_PRESSURE, _EITHER, message.time_usec, message.id % 4, values))
     return tuple(readings)
 
 
@@ -216,7 +233,7 @@ def airspeed_temperature(message: Message) -> Readings:
     kelvin = _present(message.temperature_press_diff, 0.01) + ZERO_CELSIUS_K
     if math.isnan(kelvin):
         return ()
-    return (_air(TimeBase.BOOT, message.time_boot_ms * 1000, 0, kelvin),)
+    return (_air(_BOOT, message.time_boot_ms * 1000, 0, kelvin),)
 
 
 def imu_temperature(message: Message) -> Readings:
@@ -224,7 +241,7 @@ def imu_temperature(message: Message) -> Readings:
     if not (message.fields_updated or 0xFFFF) & 0x1000:
         return ()
     kelvin = _finite(message.temperature + ZERO_CELSIUS_K)
-    return (_air(TimeBase.EITHER, message.time_usec, message.id % 4, kelvin),)
+    return (_air(_EITHER, message.time_usec, message.id % 4, kelvin),)
 
 
 def _air(base: TimeBase, stamp_us: int, instance: int, kelvin: float) -> Reading:
@@ -271,9 +288,10 @@ def hil_state(message: Message) -> tuple[float, float]:
     return message.alt * 1e-3, message.vz * -0.01
 
 
-TRUTHS: dict[int, Callable[[Message], tuple[float, float]]] = {
+TRUTHS: dict[int, Callable[[Message], tuple[float, float] | None]] = {
     mavlink.MAVLINK_MSG_ID_SIM_STATE: sim_state,
     mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: hil_state,
+    mavlink.MAVLINK_MSG_ID_SIMSTATE: lambda message: None,  # it has attitude and place alone
 }
 """Messages of a simulated vehicle with its true altitude and climb."""
 

@@ -12,6 +12,7 @@ import re
 import struct
 from collections.abc import Callable
 from enum import StrEnum
+from functools import partial
 from typing import Any, NamedTuple
 
 from fastcrc import crc16
@@ -22,6 +23,7 @@ V1_HEADER, V2_HEADER = 6, 10
 CHECKSUM, SIGNATURE = 2, 13
 MAX_FRAME_SIZE = V2_HEADER + 255 + CHECKSUM + SIGNATURE
 _SIGNED = 0x01  # the only incompatibility flag there is
+_V2_IDS = struct.Struct("<BBBHB").unpack_from
 _START = re.compile(rb"[\xfd\xfe]")
 
 
@@ -41,6 +43,7 @@ mcrf4xx: Callable[..., int] = crc16.mcrf4xx
 CRC_TABLE = [mcrf4xx(bytes([value]), 0) for value in range(256)]
 _CRC_STEPS = frozenset(CRC_TABLE)
 CRC_EXTRA: dict[int, int] = {number: kind.crc_extra for number, kind in mavlink.mavlink_map.items()}
+_EXTRA_BYTES = {number: bytes([extra]) for number, extra in CRC_EXTRA.items()}
 V1_LENGTHS: dict[int, range] = {
     number: _v1_lengths(kind) for number, kind in mavlink.mavlink_map.items()
 }
@@ -62,6 +65,10 @@ class Frame(NamedTuple):
     signed: bool
     message: Any = None
     """the decoded message, where a log's reader has decoded it already"""
+
+
+_new: Callable[[tuple[Any, ...]], Frame] = partial(tuple.__new__, Frame)
+"""`Frame` of a tuple, without the Python code of its constructor"""
 
 
 class FrameReject(StrEnum):
@@ -129,27 +136,29 @@ def scan(buffer: bytes, offset: int = 0) -> Frame | FrameReject | None:
     if end > offset + available:
         return None
     if version == 2:
-        sequence, system_id, component_id, low, middle, high = buffer[offset + 4 : offset + header]
-        message_id = low | middle << 8 | high << 16
+        sequence, system_id, component_id, low, high = _V2_IDS(buffer, offset + 4)
+        message_id = low | high << 16
     else:
         sequence, system_id, component_id, message_id = buffer[offset + 2 : offset + header]
-
-    crc = mcrf4xx(buffer[offset + 1 : body])
-    # The last step of the checksum is table[(crc ^ extra) & 255] ^ crc >> 8, with CRC_EXTRA the
-    # byte that is not sent.
-    step = (buffer[body] | buffer[body + 1] << 8) ^ crc >> 8
-    if step not in _CRC_STEPS:
-        return FrameReject.CRC
-    extra = CRC_EXTRA.get(message_id)
-    if extra is None:
-        return FrameReject.UNKNOWN_ID
-    if CRC_TABLE[(crc ^ extra) & 0xFF] != step or (
-        version == 1 and length not in V1_LENGTHS[message_id]
-    ):
+    checksum = buffer[body] | buffer[body + 1] << 8
+    extra = _EXTRA_BYTES.get(message_id)
+    if extra is None or mcrf4xx(buffer[offset + 1 : body] + extra) != checksum:
+        return _cause(buffer[offset + 1 : body], checksum, message_id)
+    if version == 1 and length not in V1_LENGTHS[message_id]:
         return FrameReject.DIALECT
-    return Frame(
-        buffer[offset:end], message_id, system_id, component_id, sequence, version, bool(flags)
-    )
+    data = buffer if end - offset == len(buffer) else buffer[offset:end]
+    return _new((data, message_id, system_id, component_id, sequence, version, flags != 0, None))
+
+
+def _cause(body: bytes, checksum: int, message_id: int) -> FrameReject:
+    """Why a frame with this body and checksum is none.
+
+    The last step of the checksum is table[(crc ^ extra) & 255] ^ crc >> 8, with CRC_EXTRA the byte
+    that is not sent.
+    """
+    if checksum ^ mcrf4xx(body) >> 8 not in _CRC_STEPS:
+        return FrameReject.CRC
+    return FrameReject.UNKNOWN_ID if message_id not in CRC_EXTRA else FrameReject.DIALECT
 
 
 def next_start(buffer: bytes, offset: int) -> int:

@@ -32,6 +32,8 @@ SETTLE_US = 3_000_000
 CONFIRM_US = 500_000
 GONE_US = 10_000_000
 SOURCE_US = 3_000_000
+HEIGHTS = (Kind.PRESSURE, Kind.GNSS)
+"""kinds of samples that tell more of a vehicle than heartbeats"""
 CHANGES = 3
 """heartbeats in a row that name another autopilot before it is accepted"""
 MOST_REMEMBERED = 64
@@ -54,12 +56,18 @@ VEHICLE_TYPES = frozenset(
 class Origin(StrEnum):
     """The sender of a frame."""
 
+    __hash__ = str.__hash__  # an enum's own is Python code, and one is hashed for each frame
+
     VEHICLE = "vehicle"
     OURSELVES = "our own ids"
     STRANGER = "other components"
     EARLY = "before the first heartbeat"
     FORGED = "unsigned in a signed stream"
     ELSEWHERE = "vehicle's ids from another address"
+
+
+# Looked up in its class, a member of an enum costs ten times as much (Python 3.11).
+VEHICLE, OURSELVES = Origin.VEHICLE, Origin.OURSELVES
 
 
 class _Autopilot:
@@ -84,6 +92,7 @@ class Identity:
     component_id : our own component id.
     vehicle_component_id : the component of the vehicle's autopilot.
     own_system_id : our own system id; None takes the vehicle's.
+    other_system_id : a system that is never the vehicle: the ground barometer.
     """
 
     def __init__(
@@ -93,6 +102,7 @@ class Identity:
         *,
         vehicle_component_id: int = AUTOPILOT_COMPONENT_ID,
         own_system_id: int | None = None,
+        other_system_id: int | None = None,
     ) -> None:
         self.component_id = component_id
         self.vehicle: tuple[int, int] | None = None
@@ -110,9 +120,8 @@ class Identity:
         """why no vehicle is followed; empty while one is, or none was heard"""
         self._strangers_us: dict[tuple[int, int], int] = {}
         """when each other sender was last heard"""
-        self._wanted = system_id
-        self._wanted_component = vehicle_component_id
-        self._own_system_id = own_system_id
+        self._wanted, self._wanted_component = system_id, vehicle_component_id
+        self._own_system_id, self._other_system_id = own_system_id, other_system_id
         self._autopilots: dict[tuple[int, int], _Autopilot] = {}
         self._latched_us = 0
         self._firm = False
@@ -145,12 +154,12 @@ class Identity:
         return origin
 
     def _origin(self, frame: Frame, arrival_us: int, source: Hashable) -> Origin:
-        speaker = (frame.system_id, frame.component_id)
-        if speaker == self.own and speaker != self.vehicle:
-            return Origin.OURSELVES
-        if self.vehicle is None:
+        speaker, vehicle = (frame.system_id, frame.component_id), self.vehicle
+        if speaker != vehicle and speaker == self.own:
+            return OURSELVES
+        if vehicle is None:
             return Origin.EARLY
-        if speaker != self.vehicle:
+        if speaker != vehicle:
             self._note_stranger(speaker, arrival_us)
             return Origin.STRANGER
         if frame.signed:
@@ -163,7 +172,7 @@ class Identity:
             self._source = source
         self._source_us = arrival_us
         self.version = max(self.version, frame.version)
-        return Origin.VEHICLE
+        return VEHICLE
 
     def _note_stranger(self, speaker: tuple[int, int], arrival_us: int) -> None:
         if speaker in self.strangers or len(self.strangers) < MOST_REMEMBERED:
@@ -197,7 +206,7 @@ class Identity:
         if message.type == mavlink.MAV_TYPE_GCS:
             self.station(speaker, arrival_us)
             return False
-        if not is_autopilot(message):
+        if not is_autopilot(message) or frame.system_id == self._other_system_id:
             return False
         heard = self._autopilots.get(speaker)
         if heard is None:
@@ -237,7 +246,7 @@ class Identity:
 
     def measured(self, kind: Kind) -> None:
         """A sample of the vehicle came: with a height it is more than heartbeats."""
-        self._firm = self._firm or kind in (Kind.PRESSURE, Kind.GNSS)
+        self._firm = self._firm or kind in HEIGHTS
 
     def others(self, since_us: int) -> list[str]:
         """The senders besides the vehicle that were heard after `since_us`; a few of them are

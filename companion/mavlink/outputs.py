@@ -60,6 +60,15 @@ class Source(Enum):
 
 SOURCES = (Source.NONE, Source.OURS, Source.VEHICLE)
 """by `altitude_steps.OF_NONE` and its neighbours"""
+# Looked up in its class, a member of an enum costs ten times as much (Python 3.11).
+_PRESSURE, _HOME, _STATUS, _RANGE, _ATTITUDE = (
+    Kind.PRESSURE,
+    Kind.HOME,
+    Kind.STATUS,
+    Kind.RANGE,
+    Kind.ATTITUDE,
+)
+_STALE = Verdict.STALE
 
 
 class Outputs:
@@ -107,7 +116,7 @@ class Outputs:
         """Take GLOBAL_POSITION_INT; ALTITUDE with these heights while ours cannot be sent."""
         own, state = own_heights(message), self.state[0]
         state["own_us"], state["own_amsl_m"], state["own_home_m"] = own
-        if not steps.own_height(self.state, self.params, now_us, health):
+        if not steps.own_height(self.state, self.params, now_us, int(health)):
             return None
         return self._of_vehicle(own, now_us)
 
@@ -132,23 +141,23 @@ class Outputs:
 
     def sample(self, kind: Kind, row: Rows, verdict: Verdict, estimate: Rows) -> None:
         """Follow a sample and its verdict."""
-        if verdict is Verdict.STALE:
+        if verdict is _STALE:
             return  # a late copy
-        if kind is Kind.PRESSURE:
-            steps.follow_pressure(self.state, self.monotonic.state, row, verdict)
-        elif kind is Kind.HOME:
+        if kind is _PRESSURE:
+            steps.follow_pressure(self.state, self.monotonic.state, row, int(verdict))
+        elif kind is _HOME:
             steps.follow_home(self.state, row)
-        elif kind is Kind.STATUS:
+        elif kind is _STATUS:
             steps.follow_status(self.state, row, estimate)
-        elif kind is Kind.RANGE:
+        elif kind is _RANGE:
             steps.follow_range(self.state, row)
-        elif kind is Kind.ATTITUDE:
+        elif kind is _ATTITUDE:
             steps.follow_attitude(self.state, row)
 
     def altitude(self, now_us: int, health: Health, estimate: Rows) -> Message | None:
         """ALTITUDE, when one is due and may be sent."""
         out, monotonic, leap = self._heights, self.monotonic.state, self.leap.state
-        args = (monotonic, leap, now_us, health, estimate, out)
+        args = (monotonic, leap, now_us, int(health), estimate, out)
         if not steps.altitude(self.state, self.params, *args):
             return None
         return altitude_message(out[0])

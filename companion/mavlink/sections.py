@@ -8,7 +8,7 @@ from typing import Literal
 from pydantic import Field
 
 from companion.config import Settings
-from companion.mavlink.identity import AUTOPILOT_COMPONENT_ID, OUR_COMPONENT_ID
+from companion.mavlink.identity import AUTOPILOT_COMPONENT_ID, OUR_COMPONENT_ID, Identity
 
 
 class VehicleSettings(Settings):
@@ -30,6 +30,19 @@ class IdentitySettings(Settings):
     on_conflict: Literal["next", "warn"] = "next"
     """what is done when another program on the link uses our ids: next takes the next free
     component id of 191 to 194, warn keeps ours; both are reported in one line"""
+
+
+def identity_of(
+    vehicle: VehicleSettings, own: IdentitySettings, other_system_id: int | None
+) -> Identity:
+    """The identification by these sections; `other_system_id` is never the vehicle."""
+    return Identity(
+        vehicle.system_id,
+        own.component_id,
+        vehicle_component_id=vehicle.component_id,
+        own_system_id=own.system_id,
+        other_system_id=other_system_id,
+    )
 
 
 class PublishSettings(Settings):

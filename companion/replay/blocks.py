@@ -127,6 +127,7 @@ class BlockRunner:
             or pipeline.sends
             or pipeline.signing is not None
             or identity.is_signed
+            or air.reference is not None
             or any(each is not None for each in told)
         ):
             return None

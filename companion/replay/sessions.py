@@ -178,8 +178,8 @@ class _Splitter(Generic[Seen]):
 
     @property
     def takes_blocks(self) -> bool:
-        """Whether the observer of the present session takes blocks."""
-        return isinstance(self._open.seen, BlockObserver)
+        """Whether the pipeline and the observer of the present session take blocks."""
+        return self.pipeline.in_blocks and isinstance(self._open.seen, BlockObserver)
 
     def block_observer(self) -> BlockObserver:
         """The observer of the present session."""
@@ -239,7 +239,8 @@ def sessions_of(
     found = list(first.sessions)
     latched = first.pipeline.identity.vehicle
     if settings.vehicle.system_id is None:
-        for system_id in sorted(set(first.autopilots) - {latched[0] if latched else 0, 0}):
+        known = {latched[0] if latched else 0, 0, settings.air.reference_system_id}
+        for system_id in sorted(set(first.autopilots) - known):
             vehicle = settings.vehicle.model_copy(update={"system_id": system_id})
             other = settings.model_copy(update={"vehicle": vehicle})
             found += _pass(reader, other, observe, make, None, None).sessions

@@ -66,6 +66,10 @@ class Target:
     """brake in the roll-out"""
 
 
+# Looked up in its class, a member costs four times as much (Python 3.11).
+_PARKED, _TAKE_OFF, _AIRSPEED, _ALTITUDE, _APPROACH, _FLARE, _ROLL_OUT = Mode
+
+
 class Autopilot:
     """Holds a `Target`; `update` is called at `UPDATE_HZ` with the truth."""
 
@@ -78,12 +82,15 @@ class Autopilot:
         self._pitch_sum = 0.0
         self._bank_sum = 0.0
         self._bank_command = 0.0
+        self._effectiveness = 1.0
+        """factor of the surface deflections above the dynamic pressure at which the gains were
+        tuned"""
         self._path_pitch = 0.0
         self._throttle = 0.0
         self._sum_throttle = 0.0
         self._flap_setting = 0.0
         self._airspeed_mps = 0.0
-        self._mode = Mode.PARKED
+        self._mode = _PARKED
         self._pitch_command = 0.0
         self._climb_command_mps = 0.0
         self._airspeed_command_mps = 0.0
@@ -93,54 +100,59 @@ class Autopilot:
         self._airspeed_mps += (
             (truth.airspeed_mps - self._airspeed_mps) * _DT_S / gains.airspeed_filter_s
         )
-        if target.mode is Mode.PARKED:
+        if target.mode is _PARKED:
             return Controls(0.0, 0.0, 0.0, 0.0, 1.0)
         mode = target.mode
-        if mode is Mode.TAKE_OFF and self._climbs_away(truth):
-            mode = Mode.AIRSPEED
-        if self._mode is Mode.PARKED and not truth.on_ground:
+        if mode is _TAKE_OFF and self._climbs_away(truth):
+            mode = _AIRSPEED
+        if self._mode is _PARKED and not truth.on_ground:
             self._start_aloft(truth)
+        full_mps = gains.full_surface_mps
+        self._effectiveness = (
+            1.0 if self._airspeed_mps <= full_mps else (full_mps / self._airspeed_mps) ** 2
+        )
         if mode is not self._mode:
             self._enter(mode, truth)
-        if mode is Mode.TAKE_OFF:
+        if mode is _TAKE_OFF:
             return self._take_off(truth, target)
-        if mode is Mode.ROLL_OUT:
+        if mode is _ROLL_OUT:
             return self._roll_out(truth, target)
         self._throttle = self._throttle_for(mode, target)
         pitch = self._pitch_for(mode, truth, target)
         self._pitch_command = pitch
         bank, rudder = self._lateral(truth, target)
-        if mode is Mode.FLARE:  # the wing tips are near the ground
+        if mode is _FLARE:  # the wing tips are near the ground
             bank = _clamp(bank, -_FLARE_BANK_RAD, _FLARE_BANK_RAD)
+        gear = 1.0 if mode is _APPROACH or mode is _FLARE else 0.0
         return Controls(
             self._elevator(truth, pitch), self._aileron(truth, bank), rudder, self._throttle,
-            flaps=self._flaps(mode), gear=float(mode in (Mode.APPROACH, Mode.FLARE)),
+            0.0, 0.0, self._flaps(mode), gear,
         )  # fmt: skip
 
     def _throttle_for(self, mode: Mode, target: Target) -> float:
-        if mode is Mode.AIRSPEED:
+        if mode is _AIRSPEED:
             return target.throttle
-        if mode is Mode.FLARE:
+        if mode is _FLARE:
             return min(self._throttle, _towards(self._throttle, 0.0, _RETARD_PER_S * _DT_S))
         # On the approach half as fast, because the extending flaps decelerate too.
-        haste = 0.5 if mode is Mode.APPROACH else 1.0
+        haste = 0.5 if mode is _APPROACH else 1.0
         return self._throttle_for_airspeed(
             self._slewed_airspeed(target.airspeed_mps or self.gains.cruise_mps, haste)
         )
 
     def _pitch_for(self, mode: Mode, truth: Truth, target: Target) -> float:
         gains = self.gains
-        if mode is Mode.AIRSPEED:
+        if mode is _AIRSPEED:
             return self._pitch_for_airspeed(
                 self._slewed_airspeed(target.airspeed_mps or gains.climb_mps)
             )
-        if mode is Mode.FLARE:
+        if mode is _FLARE:
             return self._pitch_for_climb(truth, target.climb_mps, 0.0, gains.flare_gain)
         limit = target.vertical_speed_limit_mps
         wanted = _clamp(
             gains.altitude_p * (target.altitude_amsl_m - truth.altitude_amsl_m), -limit, limit
         )
-        lowest_mps = 0.9 * gains.approach_mps if mode is Mode.APPROACH else gains.minimum_mps
+        lowest_mps = 0.9 * gains.approach_mps if mode is _APPROACH else gains.minimum_mps
         return self._pitch_for_climb(
             truth, self._slewed_climb(wanted + target.climb_mps), lowest_mps
         )
@@ -149,21 +161,21 @@ class Autopilot:
         """Out as the commanded airspeed falls from the clean one to the approach's; in once fast
         after take-off."""
         gains = self.gains
-        if mode is Mode.APPROACH:
+        if mode is _APPROACH:
             slowness = (gains.clean_mps - self._airspeed_command_mps) / (
                 gains.clean_mps - gains.approach_mps
             )
             self._flap_setting = max(
                 self._flap_setting, gains.landing_flaps * _clamp(slowness, 0.0, 1.0)
             )
-        elif mode is not Mode.FLARE and self._airspeed_mps > gains.clean_mps:
+        elif mode is not _FLARE and self._airspeed_mps > gains.clean_mps:
             self._flap_setting = 0.0
         return self._flap_setting
 
     def _climbs_away(self, truth: Truth) -> bool:
         """In the air with the speed to climb at: the pitch may follow the airspeed from here."""
         enough_mps = self.gains.climb_out_mps or self.gains.climb_mps
-        fast = self._mode is Mode.AIRSPEED or truth.airspeed_mps >= enough_mps
+        fast = self._mode is _AIRSPEED or truth.airspeed_mps >= enough_mps
         return fast and not truth.on_ground
 
     def _start_aloft(self, truth: Truth) -> None:
@@ -287,12 +299,13 @@ class Autopilot:
 
     def _lateral(self, truth: Truth, target: Target) -> tuple[float, float]:
         """Bank that turns to the heading, and a yaw damper that allows the rate of the turn."""
-        gains = self.gains
-        error = _wrapped(target.heading_rad - truth.yaw_rad)
-        bank = _clamp(gains.heading_p * error, -gains.bank_limit_rad, gains.bank_limit_rad)
-        if target.bank_rad is not None:
-            bank = target.bank_rad
+        gains, bank = self.gains, target.bank_rad
+        if bank is None:
+            error = _wrapped(target.heading_rad - truth.yaw_rad)
+            bank = _clamp(gains.heading_p * error, -gains.bank_limit_rad, gains.bank_limit_rad)
         self._bank_command = _towards(self._bank_command, bank, gains.roll_in_radps * _DT_S)
+        if gains.yaw_rate == 0.0:
+            return self._bank_command, 0.0
         turn_rate = 9.81 * math.sin(truth.roll_rad) / max(self._airspeed_mps, gains.minimum_mps)
         return self._bank_command, _clamp(
             gains.yaw_rate * (turn_rate - truth.yaw_rate_radps), -0.5, 0.5
@@ -301,25 +314,18 @@ class Autopilot:
     def _elevator(self, truth: Truth, pitch_rad: float) -> float:
         gains = self.gains
         error = pitch_rad - truth.pitch_rad
-        self._pitch_sum = _clamp(self._pitch_sum + gains.pitch_i * error * _DT_S, -0.6, 0.6)
-        surface = (
-            gains.pitch_p * error + self._pitch_sum - gains.pitch_rate * truth.pitch_rate_radps
-        )
-        return _clamp(surface * self._effectiveness(), -1.0, 1.0)
+        total = self._pitch_sum + gains.pitch_i * error * _DT_S
+        self._pitch_sum = total = -0.6 if total < -0.6 else 0.6 if total > 0.6 else total
+        surface = gains.pitch_p * error + total - gains.pitch_rate * truth.pitch_rate_radps
+        return _clamp(surface * self._effectiveness, -1.0, 1.0)
 
     def _aileron(self, truth: Truth, bank_rad: float) -> float:
         gains = self.gains
         error = bank_rad - truth.roll_rad
-        self._bank_sum = _clamp(self._bank_sum + gains.bank_i * error * _DT_S, -0.3, 0.3)
-        surface = gains.bank_p * error + self._bank_sum - gains.roll_rate * truth.roll_rate_radps
-        return _clamp(surface * self._effectiveness(), -1.0, 1.0)
-
-    def _effectiveness(self) -> float:
-        """Factor of the surface deflections above the dynamic pressure at which the gains were
-        tuned."""
-        if self._airspeed_mps <= self.gains.full_surface_mps:
-            return 1.0
-        return (self.gains.full_surface_mps / self._airspeed_mps) ** 2
+        total = self._bank_sum + gains.bank_i * error * _DT_S
+        self._bank_sum = total = -0.3 if total < -0.3 else 0.3 if total > 0.3 else total
+        surface = gains.bank_p * error + total - gains.roll_rate * truth.roll_rate_radps
+        return _clamp(surface * self._effectiveness, -1.0, 1.0)
 
 
 def _clamp(value: float, low: float, high: float) -> float:

@@ -128,7 +128,10 @@ class Profile:
         self._index = -1
         self.leg: Leg = self._legs[0]
         """the one being flown"""
-        self._since_us = 0
+        self._climbs = False
+        """whether it climbs by airspeed, until the altitude is captured"""
+        self._until_us = math.inf
+        """end of a leg that lasts for a time"""
         self._target = Target(Mode.PARKED, self._heading_rad)
         self.done = False
 
@@ -145,13 +148,14 @@ class Profile:
                     self._target = Target(Mode.PARKED, self._heading_rad)
         if self._approach is not None:
             return self._approach.update(truth)
-        self._capture(truth)
+        if self._climbs:
+            self._capture(truth)
         return self._target
 
     def seen(self, truth: Truth, own: Position | None, flown_by: str) -> Truth:
         """What the autopilot flies by: the truth, in a leg in the air with the vehicle's own
         altitude if `flown_by` says "estimate"."""
-        if own is None or flown_by == "truth" or not isinstance(self.leg, Flown):
+        if flown_by == "truth" or own is None or not isinstance(self.leg, Flown):
             return truth
         return truth._replace(altitude_amsl_m=own.altitude_amsl_m)
 
@@ -176,7 +180,9 @@ class Profile:
 
     def _begin(self, truth: Truth) -> None:
         leg = self.leg
-        self._since_us = truth.time_us
+        self._climbs, self._until_us = False, math.inf
+        if isinstance(leg, Wait | Hold):
+            self._until_us = truth.time_us + math.ceil(leg.duration_s * 1e6)
         self._approach = None
         if self._target.bank_rad is not None:
             self._heading_rad = truth.yaw_rad
@@ -194,6 +200,7 @@ class Profile:
                 self._approach = Approach(self._site, self._gains, glide, touch_and_go, truth)
             case _:
                 self._target = self._flown(leg)
+                self._climbs = self._target.mode is Mode.AIRSPEED and not isinstance(leg, Glide)
 
     def _flown(self, leg: Climb | Hold | Descend | Glide) -> Target:
         """The target of a leg in the air."""
@@ -212,9 +219,9 @@ class Profile:
         )
 
     def _over(self, truth: Truth) -> bool:
+        if self._until_us < math.inf:
+            return truth.time_us >= self._until_us
         leg = self.leg
-        if isinstance(leg, Wait | Hold):
-            return truth.time_us - self._since_us >= leg.duration_s * 1e6
         if self._approach is not None:
             return self._approach.done
         if isinstance(leg, Glide):
@@ -227,11 +234,9 @@ class Profile:
         """Level off from a climb: once the altitude loop would ask for no more than the present
         climb."""
         target = self._target
-        if target.mode is not Mode.AIRSPEED or isinstance(self.leg, Glide):
-            return
         ahead_m = target.altitude_amsl_m - truth.altitude_amsl_m
         if ahead_m * self._gains.altitude_p <= max(truth.climb_mps, 0.5):
-            limit = max(truth.climb_mps, 1.0)
+            limit, self._climbs = max(truth.climb_mps, 1.0), False
             self._target = replace(
                 target, mode=Mode.ALTITUDE, vertical_speed_limit_mps=limit, airspeed_mps=None
             )

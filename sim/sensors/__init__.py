@@ -10,7 +10,7 @@ changed by the scenario.
 
 import math
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -91,12 +91,14 @@ class GaussMarkov:
     def __init__(
         self, sd: float, time_constant_s: float, dt_s: float, noise: Iterator[float]
     ) -> None:
-        self._keep = math.exp(-dt_s / time_constant_s)
-        self._drive = sd * math.sqrt(1.0 - self._keep**2)
-        self._noise = noise
-        self.value = sd * next(noise)
+        keep = math.exp(-dt_s / time_constant_s)
+        drive = sd * math.sqrt(1.0 - keep**2)
+        self.step: Callable[[], float] = _values(keep, drive, sd * next(noise), noise).__next__
+        """advances by dt and returns the new value"""
 
-    def step(self) -> float:
-        """Advance by dt and return the new value."""
-        self.value = self._keep * self.value + self._drive * next(self._noise)
-        return self.value
+
+def _values(keep: float, drive: float, value: float, noise: Iterator[float]) -> Iterator[float]:
+    """The values of a Gauss-Markov process after `value`."""
+    for normal in noise:
+        value = keep * value + drive * normal
+        yield value

@@ -211,6 +211,7 @@ class GnssReceiver:
             self.vertical_sd_m *= config.optimism
         elif config.accuracy == "stuck":
             self.horizontal_sd_m = self.vertical_sd_m = config.stuck_accuracy_m
+        self._dop_centi = round(config.hdop * 100.0), round(config.vdop * 100.0)
         self._fallen: dict[int, GaussMarkov] = {
             change.fix: wander(f"type {change.fix}", TYPE_SD_M[change.fix][1])
             for change in config.fix_changes
@@ -218,6 +219,8 @@ class GnssReceiver:
         }
         self._underway: deque[tuple[int, Fix]] = deque()
         """fixes that have not arrived yet, by time of arrival"""
+        self.arrives_us: float = math.inf
+        """when the next fix arrives"""
         self._last_arrival_us = 0
 
     def measure(self, truth: Truth) -> None:
@@ -253,14 +256,16 @@ class GnssReceiver:
             vertical_sd_m,
             config.velocity_sd_mps,
             config.satellites,
-            round(config.hdop * 100.0),
-            round(config.vdop * 100.0),
+            *self._dop_centi,
         )
         self._underway.append((arrival_us, fix))
+        self.arrives_us = self._underway[0][0]
 
     def _fallen_to(self, time_us: int) -> tuple[int, float, float]:
         """Fix type, further height error and reported accuracy at a time."""
         config, fix_type = self.config, self.config.fix
+        if not config.fix_changes:
+            return fix_type, 0.0, self.vertical_sd_m
         for change in config.fix_changes:
             fix_type = change.fix if time_us >= change.time_s * 1e6 else fix_type
         errors_m = {fix: wander.step() for fix, wander in self._fallen.items()}
@@ -284,4 +289,5 @@ class GnssReceiver:
         fix = None
         while self._underway and self._underway[0][0] <= time_us:
             _, fix = self._underway.popleft()
+        self.arrives_us = self._underway[0][0] if self._underway else math.inf
         return fix

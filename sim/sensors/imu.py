@@ -18,7 +18,8 @@ ArduPilot's advice is to stay below 30 m/s2.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -117,6 +118,10 @@ class ImuSample(NamedTuple):
     die_temperature_cdegc: int
 
 
+_new_sample: Callable[[tuple[Any, ...]], ImuSample] = partial(tuple.__new__, ImuSample)
+"""`ImuSample` of a tuple, without the Python code of its constructor"""
+
+
 class _Triad:
     """Three like sensors at nearly right angles: scale, misalignment, bias, walk, thermal bias,
     noise, range."""
@@ -131,7 +136,9 @@ class _Triad:
         self.bias = [bias_sd * next(turn_on) for _ in range(3)]
         heat = normals(seed, "imu", name, "thermal")
         self.thermal = [thermal_sd * next(heat) for _ in range(3)] if thermal_sd else None
-        self._errors = self._draw(seed, name, walk * math.sqrt(dt_s), noise / math.sqrt(dt_s))
+        self._error = self._draw(
+            seed, name, walk * math.sqrt(dt_s), noise / math.sqrt(dt_s)
+        ).__next__
         self._limit = limit
         self.mounting = _mounting(seed, name, config)
 
@@ -148,14 +155,10 @@ class _Triad:
             yield from (biases[1:] + noise * next(white).reshape(-1, 3)).tolist()
 
     def measure(self, true: Vector, cold_k: float) -> Vector:
-        x, y, z = true
-        if self.mounting is not None:
-            x, y, z = (row[0] * x + row[1] * y + row[2] * z for row in self.mounting)
-        if self.thermal is not None:
-            x, y, z = (
-                value - cold_k * heat for value, heat in zip((x, y, z), self.thermal, strict=True)
-            )
-        error_x, error_y, error_z = next(self._errors)
+        x, y, z = (
+            true if self.mounting is None and self.thermal is None else self._seen(true, cold_k)
+        )
+        error_x, error_y, error_z = self._error()
         x += error_x
         y += error_y
         z += error_z
@@ -163,6 +166,16 @@ class _Triad:
         if -limit <= x <= limit and -limit <= y <= limit and -limit <= z <= limit:
             return x, y, z
         return max(-limit, min(x, limit)), max(-limit, min(y, limit)), max(-limit, min(z, limit))
+
+    def _seen(self, true: Vector, cold_k: float) -> Vector:
+        """Scale, misalignment and thermal bias."""
+        x, y, z = true
+        if self.mounting is not None:
+            x, y, z = (row[0] * x + row[1] * y + row[2] * z for row in self.mounting)
+        if self.thermal is not None:
+            heat_x, heat_y, heat_z = self.thermal
+            x, y, z = x - cold_k * heat_x, y - cold_k * heat_y, z - cold_k * heat_z
+        return x, y, z
 
 
 def _mounting(seed: int, name: str, config: ImuConfig) -> list[Vector] | None:
@@ -240,22 +253,28 @@ class Imu:
             config=config,
         )
         self._vibration = _Vibration(seed, config) if config.vibration_mps2 else None
+        self._warm_cdegc = _cdegc(config.temperature_k)
 
     def measure(self, time_us: int, motion: Motion) -> ImuSample:
         """The reading of the mean motion since the last call. Call it every `period_us`."""
-        config = self.config
-        cold_k = (
-            config.warming_k * math.exp(-time_us * 1e-6 / config.warming_time_s)
-            if config.warming_k
-            else 0.0
-        )
+        config, cold_k, die_cdegc = self.config, 0.0, self._warm_cdegc
+        if config.warming_k:
+            cold_k = config.warming_k * math.exp(-time_us * 1e-6 / config.warming_time_s)
+            die_cdegc = _cdegc(config.temperature_k - cold_k)
         force = motion.specific_force_b_mps2
         if self._vibration is not None:
             shake = self._vibration.step()
             force = (force[0] + shake[0], force[1] + shake[1], force[2] + shake[2])
-        return ImuSample(
-            time_us,
-            self._accelerometers.measure(force, cold_k),
-            self._gyros.measure(motion.angular_rate_b_radps, cold_k),
-            round((config.temperature_k - cold_k - ZERO_CELSIUS_K) * 100.0),
+        return _new_sample(
+            (
+                time_us,
+                self._accelerometers.measure(force, cold_k),
+                self._gyros.measure(motion.angular_rate_b_radps, cold_k),
+                die_cdegc,
+            )
         )
+
+
+def _cdegc(temperature_k: float) -> int:
+    """Hundredths of a degree Celsius."""
+    return round((temperature_k - ZERO_CELSIUS_K) * 100.0)

@@ -120,9 +120,11 @@ def fly(
     show: Callable[[DemoRow], None],
     say: Callable[[str], None],
     options: Sequence[str] = (),
+    *,
+    limit_s: float = math.inf,
 ) -> Path:
-    """Fly `scenario` with a companion (with `options`) at the other end of a UDP socket; the log,
-    with what came back in it."""
+    """Fly `scenario`, `limit_s` of it at most, with a companion (with `options`) at the other end
+    of a UDP socket; the log, with what came back in it."""
     out.mkdir(parents=True, exist_ok=True)
     tlog = out / f"{scenario}.tlog"
     port = free_port()
@@ -132,7 +134,13 @@ def fly(
         link = open_link(f"udpout:127.0.0.1:{port}")
         try:
             flight = Flight(load_scenario(scenario), links=[link], tlog=tlog, speed=speed)
-            summary = flight.run(lambda progress: show(reading(flight, progress)))
+
+            def on_progress(progress: Progress) -> None:
+                show(reading(flight, progress))
+                if progress.time_s >= limit_s:
+                    flight.stop()
+
+            summary = flight.run(on_progress)
         finally:
             link.close()
     finally:
@@ -199,6 +207,16 @@ def errors(collector: Collector) -> dict[str, Errors]:
     """Errors of each source, by label."""
     found = {label: collector.errors(name) for name, label in LABELS.items()}
     return {label: each for label, each in found.items() if each is not None}
+
+
+def error_table(collector: Collector) -> str:
+    """The errors of each source, a line each below a header."""
+    head = "against truth, after the first minute (m)"
+    lines = [f"{head:42s}{'RMSE':>8s}{'95 %':>8s}{'max':>8s}{'bias':>8s}"]
+    for label, found in errors(collector).items():
+        values = (found.rmse_m, found.p95_m, found.max_m, found.bias_m)
+        lines.append(f"{label:42s}" + "".join(f"{value:8.2f}" for value in values))
+    return "\n".join(lines)
 
 
 def plot(collector: Collector, path: Path, title: str) -> None:

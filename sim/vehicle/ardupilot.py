@@ -8,6 +8,7 @@ unknown, SCALED_PRESSURE stamped when sent.
 """
 
 import math
+import struct
 from collections.abc import Mapping
 
 from companion.mavlink.codec import mavlink
@@ -24,6 +25,8 @@ _DISARMED, _ARMED = (81, 0, 3), (217, 10, 4)
 """base_mode, custom_mode, system_status: MANUAL in standby, AUTO armed and active, as ArduPlane 4.7
 sends them"""
 _UNKNOWN_U16 = 65535
+_MG = 1000.0 / G0_MPS2
+"""milli-g in one m/s2"""
 _MOTION_SENSORS: int = (
     mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO
     | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL
@@ -54,23 +57,17 @@ def raw_imu(state: State) -> bytes | None:
     sample, truth = state.imu, state.truth
     if sample is None or truth is None:
         return None
-    force, rate = sample.specific_force_b_mps2, sample.angular_rate_b_radps
-    to_mg = 1000.0 / G0_MPS2
-    mag = field_b_mgauss(truth)
-    return _RAW_IMU.wire(
-        state.time_us,
-        int16(force[0] * to_mg),
-        int16(force[1] * to_mg),
-        int16(force[2] * to_mg),
-        int16(rate[0] * 1000.0),
-        int16(rate[1] * 1000.0),
-        int16(rate[2] * 1000.0),
-        int(mag[0]),
-        int(mag[1]),
-        int(mag[2]),
-        0,
-        sample.die_temperature_cdegc,
-    )
+    _, (x, y, z), (p, q, r), die_cdegc = sample
+    x, y, z, p, q, r = x * _MG, y * _MG, z * _MG, p * 1000.0, q * 1000.0, r * 1000.0
+    ahead, right, below = field_b_mgauss(truth)
+    mag = int(ahead), int(right), int(below)
+    try:
+        return _RAW_IMU.wire(
+            state.time_us, int(x), int(y), int(z), int(p), int(q), int(r), *mag, 0, die_cdegc
+        )
+    except (struct.error, OverflowError):  # beyond the range of the fields
+        values = map(int16, (x, y, z, p, q, r))
+        return _RAW_IMU.wire(state.time_us, *values, *mag, 0, die_cdegc)
 
 
 def scaled_pressure(state: State) -> bytes | None:
@@ -278,4 +275,5 @@ _TABLE = (
 )
 
 TELEMETRY: Mapping[int, Telemetry] = {row.packer.message_id: row for row in _TABLE}
+HYGROMETER_ID = _HYGROMETER_SENSOR.message_id
 NAMES: Mapping[str, int] = {row.packer.name: row.packer.message_id for row in _TABLE}

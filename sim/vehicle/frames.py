@@ -13,7 +13,8 @@ from typing import Any
 from companion.mavlink.codec import mavlink
 from companion.mavlink.framing import V2, mcrf4xx
 
-_HEADER = struct.Struct("<BBBBBBHB").pack
+SYSTEM_ID = COMPONENT_ID = 1
+_BYTES = [bytes([value]) for value in range(256)]
 _CHECKSUM = struct.Struct("<H").pack
 
 
@@ -27,6 +28,9 @@ class Packer:
         self.wire: Callable[..., bytes] = kind.unpacker.pack
         """the payload of values in the order of the wire (see ``ordered_fieldnames``)"""
         self._extra = bytes([kind.crc_extra])
+        tail: bytes = bytes((SYSTEM_ID, COMPONENT_ID)) + self.message_id.to_bytes(3, "little")
+        self._heads = [bytes((0, 0, sequence)) + tail for sequence in range(256)]
+        """the header behind the length, by sequence number"""
         types = [
             kind.fieldtypes[order] for order in map(kind.fieldnames.index, kind.ordered_fieldnames)
         ]
@@ -47,24 +51,11 @@ class Packer:
             raise TypeError(f"{self.name} has no field {', '.join(fields)}")
         return self.wire(*values)
 
-    def frame(self, payload: bytes, sequence: int, system_id: int, component_id: int) -> bytes:
-        """The whole frame, unsigned, without the zeros at the end of its payload, as MAVLink 2
-        demands."""
+    def frame(self, payload: bytes, sequence: int) -> bytes:
+        """The whole frame of the vehicle's, unsigned, without the zeros at the end of its payload,
+        as MAVLink 2 demands."""
         payload = payload.rstrip(b"\0") or b"\0"
-        message_id = self.message_id
-        body = (
-            _HEADER(
-                len(payload),
-                0,
-                0,
-                sequence,
-                system_id,
-                component_id,
-                message_id & 0xFFFF,
-                message_id >> 16,
-            )
-            + payload
-        )
+        body = _BYTES[len(payload)] + self._heads[sequence] + payload
         return _START + body + _CHECKSUM(mcrf4xx(body + self._extra))
 
 

@@ -1,6 +1,6 @@
 """The Earth's magnetic field at the compass of the simulated vehicle."""
 
-import math
+from math import cos, sin
 
 from sim.aircraft_state import Truth
 
@@ -11,9 +11,8 @@ _EARTH_FIELD_MGAUSS = (215.0, 8.0, 425.0)
 def field_b_mgauss(truth: Truth) -> tuple[float, float, float]:
     """The Earth's magnetic field in the body's axes, milligauss."""
     north, east, down = _EARTH_FIELD_MGAUSS
-    cr, sr = math.cos(truth.roll_rad), math.sin(truth.roll_rad)
-    cp, sp = math.cos(truth.pitch_rad), math.sin(truth.pitch_rad)
-    cy, sy = math.cos(truth.yaw_rad), math.sin(truth.yaw_rad)
+    roll, pitch, yaw = truth[7:10]
+    cr, sr, cp, sp, cy, sy = cos(roll), sin(roll), cos(pitch), sin(pitch), cos(yaw), sin(yaw)
     ahead, right = cy * north + sy * east, cy * east - sy * north
     below = sp * ahead + cp * down
     return cp * ahead - sp * down, cr * right + sr * below, cr * below - sr * right

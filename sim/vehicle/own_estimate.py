@@ -8,6 +8,8 @@ velocity. Attitude is the truth with a slow error of a fraction of a degree.
 """
 
 import math
+from collections.abc import Callable
+from functools import partial
 from typing import Annotated, NamedTuple
 
 from pydantic import Field
@@ -46,6 +48,10 @@ class Position(NamedTuple):
     north_mps: float
     east_mps: float
     climb_mps: float
+
+
+_new_position: Callable[[tuple[float, ...]], Position] = partial(tuple.__new__, Position)
+"""`Position` of a tuple, without the Python code of its constructor"""
 
 
 class OwnEstimate:
@@ -113,6 +119,8 @@ class OwnEstimate:
         if fix.fix_type < 3:
             return False
         self._fix = fix
+        self._per_degree_m = EARTH_M_PER_DEG * math.cos(math.radians(fix.latitude_deg))
+        """length of a degree of longitude at the fix"""
         if self._first_fix_us is None:
             self._first_fix_us = fix.stamp_us
         ready = fix.stamp_us - self._first_fix_us >= ORIGIN_DELAY_S * 1e6
@@ -125,15 +133,17 @@ class OwnEstimate:
         fix, offset_m = self._fix, self._origin_offset_m
         if fix is None or offset_m is None:
             return None
-        age_s = (time_us - fix.measured_us) * 1e-6
-        per_degree_m = EARTH_M_PER_DEG * math.cos(math.radians(fix.latitude_deg))
-        return Position(
-            fix.latitude_deg + fix.north_mps * age_s / EARTH_M_PER_DEG,
-            fix.longitude_deg + fix.east_mps * age_s / per_degree_m,
-            self._height_m + self._climb_mps * (time_us - self._pressure_us) * 1e-6 + offset_m,
-            fix.north_mps,
-            fix.east_mps,
-            self._climb_mps,
+        age_s, north_mps, east_mps = (time_us - fix.measured_us) * 1e-6, fix.north_mps, fix.east_mps
+        climb_mps = self._climb_mps
+        return _new_position(
+            (
+                fix.latitude_deg + north_mps * age_s / EARTH_M_PER_DEG,
+                fix.longitude_deg + east_mps * age_s / self._per_degree_m,
+                self._height_m + climb_mps * (time_us - self._pressure_us) * 1e-6 + offset_m,
+                north_mps,
+                east_mps,
+                climb_mps,
+            )
         )
 
     def attitude(self, truth: Truth) -> tuple[float, float, float]:

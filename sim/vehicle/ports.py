@@ -6,7 +6,9 @@ that it receives; a log gets the full set. Rates hold in simulated time.
 """
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
+from heapq import heapify, heappop, heappush
+from operator import itemgetter
 
 from sim import TICK_US
 from sim.vehicle.flavours import ARDUPILOT, Flavour
@@ -20,25 +22,36 @@ OFF = -1
 _ANY, _MOTION, _FIX, _IMU, _PRESSURE = (
     Fresh  # looked up in its class, a member costs four times as much (Python 3.11)
 )
-SYSTEM_ID = COMPONENT_ID = 1
+_PLACE = itemgetter(1)
 
 
 class _Stream:
     """One message on one port."""
 
-    __slots__ = ("carriers", "default_us", "due_us", "interval_us", "message_id", "row")
+    __slots__ = (
+        "carriers", "default_us", "free", "fresh", "interval_us", "message_id", "packer",
+        "payload", "place", "row",
+    )  # fmt: skip
 
-    def __init__(self, message_id: int, row: Telemetry, interval_us: int) -> None:
-        self.message_id = message_id
+    def __init__(self, place: int, row: Telemetry, interval_us: int) -> None:
+        self.place = place
+        """in the flavour's table, which is the order of sending"""
+        self.message_id = row.packer.message_id
         self.row = row
+        self.packer, self.payload, self.fresh = row.packer, row.payload, row.fresh
         self.default_us = self.interval_us = interval_us
-        self.due_us = 0
         self.carriers: tuple[int, ...] = ()
         """messages of ``row.follows`` that are streamed on this port"""
+        self.free = True
+        """whether it waits for nothing but its time"""
 
 
 class Port:
-    """Sends to one destination. `deliver` takes a whole frame and says whether it was taken."""
+    """Sends to one destination. `deliver` takes a whole frame and says whether it was taken.
+
+    `absent` are messages of sensors that the vehicle does not have: their rates can be set, and
+    nothing is sent.
+    """
 
     def __init__(
         self,
@@ -48,6 +61,7 @@ class Port:
         *,
         full: bool = False,
         flavour: Flavour = ARDUPILOT,
+        absent: Collection[int] = (),
     ) -> None:
         self.name = name
         self.sent: Counter[str] = Counter()
@@ -60,47 +74,50 @@ class Port:
         self.slowdown = 1
         """factor by which all streams are slower, while parameters are listed"""
         self._flavour = flavour
+        self._absent = absent
         self._deliver = deliver
         self._sequence = 0
         self._streams: dict[int, _Stream] = {}
-        for message_id, row in flavour.messages.items():
+        for place, (message_id, row) in enumerate(flavour.messages.items()):
             rate_hz = rates_hz.get(row.packer.name, row.full_hz if full else row.default_hz)
-            self._streams[message_id] = _Stream(message_id, row, _interval_us(rate_hz))
-        self._active: list[_Stream] = []
-        self._next_due_us = 0
+            self._streams[message_id] = _Stream(place, row, _interval_us(rate_hz))
+        self._waiting: list[tuple[int, int, _Stream]] = []
+        """heap of the streams by time and place"""
         self._fix_us = -1
         """measurement time of the last fix sent"""
-        self._activate()
+        self._activate({})
 
     def stream(self, state: State) -> None:
         """Send every message that is due and has a new sample."""
-        now_us = state.time_us
-        if now_us < self._next_due_us:
+        now_us, waiting = state.time_us, self._waiting
+        if not waiting or waiting[0][0] > now_us:
             return
+        due = []
+        while waiting and waiting[0][0] <= now_us:
+            due.append(heappop(waiting))
+        due.sort(key=_PLACE)
         last_id = -1
-        soonest_us = now_us + MAX_INTERVAL_US
-        for stream in self._active:
-            if stream.due_us <= now_us and self._is_new(stream, state, last_id):
-                payload = stream.row.payload(state)
+        for was_due_us, place, stream in due:
+            due_us = was_due_us
+            if stream.free or self._is_new(stream, state, last_id):
+                payload = stream.payload(state)
                 if payload is not None:
-                    self.send(stream.row.packer, payload)
+                    self.send(stream.packer, payload)
                     last_id = stream.message_id
                     # Behind by more than an interval (it had to wait for a fix): start over instead
                     # of catching up.
                     interval_us = stream.interval_us * self.slowdown
-                    stream.due_us += interval_us
-                    if stream.due_us <= now_us:
-                        stream.due_us = now_us + interval_us
-            if stream.due_us < soonest_us:  # noqa: PLR1730
-                soonest_us = stream.due_us
-        self._next_due_us = soonest_us
+                    due_us += interval_us
+                    if due_us <= now_us:
+                        due_us = now_us + interval_us
+            heappush(waiting, (due_us, place, stream))
 
     def _is_new(self, stream: _Stream, state: State, last_id: int) -> bool:
         """Whether there is a sample that was not sent, and the carrier of its time has just gone
         out."""
         if stream.carriers and last_id not in stream.carriers:
             return False
-        fresh = stream.row.fresh
+        fresh = stream.fresh
         if fresh is _ANY:
             return True
         if fresh is _MOTION:
@@ -116,8 +133,9 @@ class Port:
 
     def send(self, packer: Packer, payload: bytes) -> None:
         """Send one message now."""
-        frame = packer.frame(payload, self._sequence, SYSTEM_ID, COMPONENT_ID)
-        self._sequence = (self._sequence + 1) & 0xFF
+        sequence = self._sequence
+        self._sequence = (sequence + 1) & 0xFF
+        frame = packer.frame(payload, sequence)
         if self._deliver(frame):
             self.sent[packer.name] += 1
             self.sent_bytes += len(frame)
@@ -145,32 +163,40 @@ class Port:
         else:
             interval_us = OFF
         stream.interval_us = interval_us
-        stream.due_us = now_us + TICK_US
-        self._activate()
+        self._activate({stream.place: now_us + TICK_US})
 
     def _in_a_bucket(self, stream: _Stream, interval_us: int) -> int:
         """The nearest interval in use, when no further different interval is possible."""
-        others = {other.interval_us for other in self._active if other is not stream}
+        others = {other.interval_us for other in self._streams.values() if other is not stream}
+        others.discard(OFF)
         if len(others) < self._flavour.buckets:
             return interval_us
         return min(others, key=lambda other_us: abs(other_us - interval_us))
 
     def hasten(self, message_id: int, now_us: int) -> None:
         """Send `message_id` at the next opportunity, if it is streamed: its content has changed."""
-        self._streams[message_id].due_us = self._next_due_us = now_us
+        self._activate({self._streams[message_id].place: now_us})
 
     def interval_us(self, message_id: int) -> int:
         """The interval in force; `OFF` when stopped."""
         return self._streams[message_id].interval_us
 
-    def _activate(self) -> None:
-        self._active = [stream for stream in self._streams.values() if stream.interval_us != OFF]
-        streamed = {stream.message_id for stream in self._active}
-        for stream in self._active:
+    def _activate(self, due_us: dict[int, int]) -> None:
+        """Set when streams are due next, by place; the others keep their time (at first: now)."""
+        due_us = {place: before_us for before_us, place, _ in self._waiting} | due_us
+        active = [
+            stream
+            for stream in self._streams.values()
+            if stream.interval_us != OFF and stream.message_id not in self._absent
+        ]
+        streamed = {stream.message_id for stream in active}
+        for stream in active:
             stream.carriers = tuple(
                 message_id for message_id in stream.row.follows if message_id in streamed
             )
-        self._next_due_us = 0
+            stream.free = stream.fresh is _ANY and not stream.carriers
+        self._waiting = [(due_us.get(each.place, 0), each.place, each) for each in active]
+        heapify(self._waiting)
 
 
 def _interval_us(rate_hz: float) -> int:

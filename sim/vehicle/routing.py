@@ -10,7 +10,8 @@ same component's.
 from typing import Any
 
 from companion.mavlink.codec import Frame, mavlink
-from sim.vehicle.ports import COMPONENT_ID, SYSTEM_ID, Port
+from sim.vehicle.frames import COMPONENT_ID, SYSTEM_ID
+from sim.vehicle.ports import Port
 
 _HEARTBEAT: int = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 _OF_ONE_LINK = {mavlink.MAVLINK_MSG_ID_RADIO, mavlink.MAVLINK_MSG_ID_RADIO_STATUS}

@@ -17,10 +17,10 @@ from companion.mavlink.codec import Decoder, Frame, mavlink
 from sim.sensors.barometer import Pressure
 from sim.sensors.gnss import Fix
 from sim.vehicle.flavours import ARDUPILOT, Flavour
-from sim.vehicle.frames import packer
+from sim.vehicle.frames import COMPONENT_ID, SYSTEM_ID, packer
 from sim.vehicle.own_estimate import OwnEstimate
 from sim.vehicle.parameters import Parameters
-from sim.vehicle.ports import COMPONENT_ID, MAX_INTERVAL_US, SYSTEM_ID, Port
+from sim.vehicle.ports import MAX_INTERVAL_US, Port
 from sim.vehicle.routing import Routing
 from sim.vehicle.stream import State
 

@@ -196,6 +196,8 @@ class Weather:
         self._solved: tuple[float, float] | None = None
         self._applied_air: tuple[float, float, float] | None = None
         self._applied_wind: tuple[float, float, float] | None = None
+        ramps = (self._pressure_hpa, self._offset_k, self._humidity, *self._wind_mps)
+        self._constant = not self._fields and all(ramp.constant for ramp in ramps)
         aircraft.set_turbulence(config.turbulence.severity, config.turbulence.wind_at_6m_mps)
         self.update(0.0)
 
@@ -220,6 +222,8 @@ class Weather:
 
     def update(self, time_s: float) -> None:
         """Set the weather of this time at the aircraft."""
+        if self._constant and self._applied_air is not None:
+            return
         sea_level_pa, offset_k = self.at(time_s)
         north, east, down = self._wind_mps[0](time_s), self._wind_mps[1](time_s), 0.0
         ratio = 1.0

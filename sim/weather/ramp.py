@@ -10,6 +10,8 @@ class Ramp:
     def __init__(self, points: Sequence[tuple[float, float]], default: float) -> None:
         self._times = [time for time, _ in points] or [0.0]
         self._values = [value for _, value in points] or [default]
+        self.constant = len(set(self._values)) == 1
+        """whether the value is the same at all times"""
 
     def __call__(self, time_s: float) -> float:
         after = bisect.bisect_right(self._times, time_s)

@@ -62,7 +62,9 @@ def main(url: str, parameter: str) -> dict[str, Any]:
         "absolute_altitude_m": seen.absolute_altitude_m,
         "version": [version.flight_sw_major, version.flight_sw_minor],
         "before": before,
-        "parameters": {row.name: row.value for row in everything.float_params},
+        "parameters": {
+            row.name: row.value for row in [*everything.float_params, *everything.int_params]
+        },
         "altitude_amsl_m": altitude.altitude_amsl_m if altitude else None,
         "altitude_monotonic_m": altitude.altitude_monotonic_m if altitude else None,
     }

@@ -177,7 +177,7 @@ def mavsdk(python: Path, port: int, parameter: str) -> dict[str, Any]:
 
 @pytest.mark.parametrize(
     ("flavour", "autopilot", "parameter"),
-    [("ardupilot", 2, "WP_RADIUS"), ("px4", 1, "NAV_ACC_RAD"), ("generic", 3, "LOITER_RADIUS")],
+    [("ardupilot", 2, "RTL_ALTITUDE"), ("px4", 1, "NAV_ACC_RAD"), ("generic", 3, "LOITER_RADIUS")],
 )
 def test_mavsdk_discovers_reads_and_sets(
     python: Path, flavour: str, autopilot: int, parameter: str
@@ -209,7 +209,7 @@ def test_mavsdk_on_one_link_sees_the_companion_on_another(python: Path) -> None:
         links = (f"udpout:127.0.0.1:{ours}", f"udpout:127.0.0.1:{theirs}")
         with running(vehicle("ardupilot", *links)) as flight:
             companion.expect(r"(?m)^OK ")
-            found = mavsdk(python, theirs, "WP_RADIUS")
+            found = mavsdk(python, theirs, "RTL_ALTITUDE")
             summary = flight.end()
     assert found["components"] == [1, 191]
     assert int(re.search(r"(\d+) of them sent on to another link", summary)[1]) > 20  # type: ignore[index]

@@ -208,7 +208,7 @@ def meet_gnss(state: Rows, params: Rows, fix_m: float) -> None:
     if far:  # the barometer's datum is further off than its prior
         for i in range(N):
             s.bank.P[i, OFFSET, OFFSET] += (s.baro.height_m - fix_m) ** 2
-    fuse_qnh(s.aids, s.bank, p, fix_m)
+    fuse_qnh(s.aids, s.bank, fix_m)
     fuse_temperature(s.aids, s.bank, p, s.baro.pressure_pa)
 
 

@@ -123,7 +123,7 @@ def hear_height(
         s.baro.seen = 1
         known = s.gnss.seen == 1
         expect_atmosphere(s.bank, p, mean(s.bank, HEIGHT) if known else height_m)
-        fuse_qnh(s.aids, s.bank, p, mean(s.bank, HEIGHT) if known else height_m)
+        fuse_qnh(s.aids, s.bank, mean(s.bank, HEIGHT) if known else height_m)
         fuse_temperature(s.aids, s.bank, p, pressure_pa)
     elif silent_us > SILENT_US:
         sees_barometer(

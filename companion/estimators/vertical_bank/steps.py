@@ -50,9 +50,11 @@ from companion.estimators.vertical_bank.aids import (
     LOWEST_FIELD_M,
     LOWEST_QNH_PA,
     STEEPEST_COS,
+    follow_weather,
     fuse_qnh,
     fuse_range,
     fuse_temperature,
+    know_qnh,
     note_range,
     note_takeoff,
 )
@@ -169,11 +171,30 @@ def on_air(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         s.aids.air_k = sample[0].air_temperature_k
         if s.baro.seen == 1 and fuse_temperature(s.aids, s.bank, p, s.baro.pressure_pa):
             used = True
-    if has_qnh and sample[0].qnh_pa != s.aids.known_qnh_pa:
-        s.aids.known_qnh_pa, s.aids.known_qnh_us = sample[0].qnh_pa, time_us
-        if s.baro.seen == 1 and fuse_qnh(s.aids, s.bank, p, mean(s.bank, HEIGHT)):
-            used = True
+    if has_qnh:
+        used = on_qnh(state, params, sample) or used
     return tally(state, AIR, USED if used else IGNORED)
+
+
+@step
+def on_qnh(state: Rows, params: Rows, sample: Rows) -> bool:
+    """A QNH, told or measured by a reference barometer; whether it was used."""
+    s, qnh_pa, sd_pa = state[0], sample[0].qnh_pa, sample[0].qnh_sd_pa
+    is_measured = sd_pa > 0.0
+    is_new = qnh_pa != s.aids.known_qnh_pa
+    know_qnh(
+        s.aids,
+        qnh_pa,
+        sd_pa if is_measured else params[0].known_qnh_sd_pa,
+        sample[0].time_us if is_new or is_measured else s.aids.known_qnh_us,
+    )
+    if s.baro.seen == 0 and is_measured:
+        s.aids.measured_qnh_pa = qnh_pa
+    if s.baro.seen == 0 or (not is_new and not is_measured):
+        return False
+    if is_measured and follow_weather(s.aids, s.bank, qnh_pa):
+        return True
+    return fuse_qnh(s.aids, s.bank, mean(s.bank, HEIGHT))
 
 
 @step

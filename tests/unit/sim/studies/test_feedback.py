@@ -23,11 +23,11 @@ def test_every_case_has_a_figure_of_its_own() -> None:
 def test_feedback_holds_what_drifts_without_it() -> None:
     case = replace(CASES[0], duration_s=200.0)
     without, with_feedback = (fly(Job(case, feedback)) for feedback in (False, True))
-    assert without[-1]["own_m"] - without[-1]["true_m"] > 6.0
+    assert without[-1]["own_m"] - without[-1]["true_m"] > 4.5
     found = errors(with_feedback, START_S)
-    assert abs(with_feedback[-1]["own_m"] - with_feedback[-1]["true_m"]) < 3.5
+    assert abs(with_feedback[-1]["own_m"] - with_feedback[-1]["true_m"]) < 1.5
     assert found["step_m"] <= 0.15
-    assert found["writes"] > 50
+    assert found["writes"] > 30
     assert with_feedback[-1]["raised_m"] < -3.0
 
 

@@ -137,7 +137,8 @@ def draw(title: str, before: Sequence[Row], after: Sequence[Row], path: Path) ->
             label="BARO_ALT_OFFSET",
         )
         axes.axhline(0.0, color=TRUTH, linewidth=0.8, zorder=0)
-        axes.set_title(f"{title}: error of the autopilot's own altitude (m)")
+        axes.set_title(title)
+        axes.set_ylabel("error of the autopilot's own altitude (m)")
         axes.set_xlabel("time (min)")
         legend_outside(axes)
         write_png(canvas, path)

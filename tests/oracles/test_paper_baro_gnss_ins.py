@@ -58,7 +58,7 @@ def test_level_flight_has_rank_one_and_a_climb_two() -> None:
     assert states.Profile(states.CLIMB_M).rank == 2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_page(tmp_path: Path) -> None:
     page = PAPERS["R"].reproduce(SEEDS, tmp_path, lambda fraction, what: None)
     rows = {row.claim: row for row in page.rows}

@@ -97,7 +97,7 @@ def test_printed_gains_cost_more(drives: list[Drive]) -> None:
     assert np.mean(ratios) == pytest.approx(2.5, abs=0.5)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_exhaustive_search_of_the_first_drive(drives: list[Drive]) -> None:
     tuned = paper.tune(drives[0], 30, lambda share: None)
     assert tuned.ratios.min() == 1.0

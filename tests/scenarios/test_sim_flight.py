@@ -283,7 +283,7 @@ def test_a_flight_that_does_not_end_is_an_error() -> None:
         Flight(scenario(limit_s=5.0)).run()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_twenty_calm_minutes() -> None:
     rows = flown(Flight(load_scenario("calm-circuit")))
     assert np.abs(altitude_errors(rows, 25.0)).max() < 2.0

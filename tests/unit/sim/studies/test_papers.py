@@ -116,7 +116,7 @@ DRAWN = "HK"
 
 
 @pytest.mark.parametrize(
-    "key", [key if key in "CR" else pytest.param(key, marks=pytest.mark.long) for key in PAPERS]
+    "key", [key if key == "C" else pytest.param(key, marks=pytest.mark.long) for key in PAPERS]
 )
 def test_a_page_rebuilds_byte_for_byte_and_no_verdict_is_a_constant(
     key: str, tmp_path: Path
@@ -208,6 +208,7 @@ def test_only_the_page_knows_verdicts() -> None:
 
 
 class TestCommand:
+    @pytest.mark.long
     def test_writes_the_page_and_says_where(self, tmp_path: Path) -> None:
         result = CliRunner().invoke(app, ["reproduce", "h", "--seeds", "2", "--out", str(tmp_path)])
         assert result.exit_code == 0, result.output

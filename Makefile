@@ -23,7 +23,7 @@ test: $(VENV)/.dev      ## lint, types, import rules and the default tests (extr
 	$(BIN)/python -m pytest -q -n 3 $(RETRY)
 
 test-slow: $(VENV)/.dev ## end-to-end and Monte-Carlo tests
-	$(BIN)/python -m pytest -q -m "slow and not long" -n 4 $(RETRY)
+	$(BIN)/python -m pytest -q -m "slow and not long" -n 5 $(RETRY)
 
 test-long: $(VENV)/.dev ## every scenario, hours of flight, whole recordings (half an hour)
 	$(BIN)/python -m pytest -q -m long -n 2 $(RETRY)

@@ -125,6 +125,7 @@ def test_finds_logs_by_folder_pattern_and_name(folder: Path) -> None:
         find_logs([f"{folder}/*.nothing"])
 
 
+@pytest.mark.long
 def test_no_scheduler_is_one_clear_line(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="no Dask scheduler answers"):
         batch(folder, tmp_path, scheduler="tcp://127.0.0.1:1")

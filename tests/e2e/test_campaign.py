@@ -179,7 +179,7 @@ def test_workers_end_with_a_parent_that_was_killed(tmp_path: Path) -> None:
         time.sleep(0.05)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_command_on_two_processes(tmp_path: Path) -> None:
     command = [
         sys.executable,

@@ -291,7 +291,7 @@ def test_twenty_calm_minutes() -> None:
     assert 1100.0 < len(rows) * 0.02 < 1400.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [1])
 def test_twenty_minutes_of_changing_weather(seed: int) -> None:
     flight = Flight(load_scenario("weather-change"), seed=seed)

@@ -20,6 +20,7 @@ def test_every_case_has_a_figure_of_its_own() -> None:
     assert len(set(names)) == len(names)
 
 
+@pytest.mark.long
 def test_feedback_holds_what_drifts_without_it() -> None:
     case = replace(CASES[0], duration_s=200.0)
     without, with_feedback = (fly(Job(case, feedback)) for feedback in (False, True))

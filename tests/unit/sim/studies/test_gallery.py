@@ -41,6 +41,7 @@ def test_the_gallery_has_nothing_else_and_is_small() -> None:
     assert sum(path.stat().st_size for path in GALLERY.iterdir()) < 2.5e6
 
 
+@pytest.mark.long
 def test_a_section_draws_and_judges_and_repeats(tmp_path: Path) -> None:
     values = {
         "name": "stuck", "summary": "Of a test.", "about": "Freezes.",

@@ -189,17 +189,20 @@ def follow_fix(a: Rows, row: Rows) -> None:
 def _compare(a: Rows, time_us: int, baro_m: float, gnss_m: float) -> None:
     difference_m = gnss_m - baro_m
     a[0].gap_m = difference_m - agreed_m(a, baro_m)
+    left = NONE
     if abs(a[0].gap_m) <= 0.5 * limit_m(a):
         a[0].mover = NONE
-    elif a[0].mover == NONE:
-        a[0].mover, a[0].moved_m = _mover(a, time_us, baro_m, gnss_m), a[0].gap_m
+    else:
+        left = _mover(a, time_us, baro_m, gnss_m)
+        if a[0].mover == NONE:
+            a[0].mover, a[0].moved_m = left, a[0].gap_m
     if math.isnan(a[0].gap_m):
         _latch(a, difference_m, baro_m, time_us)
     elif _is_back(a, time_us):
         _agree_again(a, difference_m, baro_m, time_us)
     elif a[0].agree:
-        a[0].excluded = _mover(a, time_us, baro_m, gnss_m)
-        if a[0].excluded == NONE and abs(a[0].gap_m - a[0].moved_m) <= LEVEL_M:
+        a[0].excluded = left
+        if left == NONE and abs(a[0].gap_m - a[0].moved_m) <= LEVEL_M:
             a[0].excluded = a[0].mover  # it moved fast before, and stayed there
         a[0].agree, a[0].jump_m = 0, abs(a[0].gap_m)
         a[0].level_m, a[0].level_us = difference_m, time_us

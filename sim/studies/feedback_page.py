@@ -108,9 +108,10 @@ def _table(flights: Sequence[Flown], start_s: float, kind: str) -> str:
 
 def _limits(flights: Sequence[Flown], start_s: float) -> str:
     worse = [
-        title
+        f"{title} ({where})"
         for title, before, after in flights
-        if errors(after, start_s)["amsl_rmse_m"] > 1.1 * errors(before, start_s)["amsl_rmse_m"]
+        for kind, where in (("amsl_rmse_m", "AMSL"), ("relative_rmse_m", "above home"))
+        if errors(after, start_s)[kind] > 1.1 * errors(before, start_s)[kind]
     ]
     told = "; ".join(worse) if worse else "none"
     return f"Cases in which feedback is worse than 1.1 times nothing: {told}."

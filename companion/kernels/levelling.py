@@ -18,7 +18,7 @@ import numpy as np
 
 from companion.jit import step
 from companion.kernels.earth import gravity_mps2
-from companion.kernels.vectors import Vector, dot, normalise, turn
+from companion.kernels.vectors import Vector, dot, normalise, rotate, turn
 from companion.samples import Record, Rows
 
 WINDOW_S = 1.0
@@ -51,11 +51,12 @@ COMPENSATION_ERROR = 0.3
 """Share of the compensated acceleration that is wrong: crab angle, lateness."""
 DISTURBANCE_TIME_S = 3.0
 """Correlation time of a disturbance."""
+SMOOTHING_S = 1.0
+"""Smoothing of the velocity over ground, of which the acceleration is the slope, and of the specific
+force that it explains: some links repeat the speed of one second in five fixes."""
 HIGHEST_ACCELERATION_MPS2 = 30.0
 """A GNSS speed that changes faster is not used as an acceleration."""
 SHORTEST_FIX_US, LONGEST_FIX_US = 50_000, 2_000_000
-VIBRATION_TIME_S = 0.2
-"""Averaging time for vibration; what is left of the force beyond gravity's is an acceleration."""
 LEAST_SUPPORT_MPS2 = 3.0
 """Least specific force that has a usable direction; in a parabola it has none."""
 NOSE_UP = 0.95
@@ -71,7 +72,7 @@ LEVELLING = np.dtype(
         ("tilt_var", "f8"),  # rad2
         ("tilt_bias_cov", "f8"),
         ("bias_var", "f8"),
-        ("force_b_mps2", "f8", (3,)),  # without vibration
+        ("force_b_mps2", "f8", (3,)),  # smoothed, as the velocity is
         ("window_s", "f8"),  # alignment: length so far, sums over it
         ("window_count", "i8"),
         ("waited_s", "f8"),  # for GNSS to show whether the vehicle rests
@@ -82,7 +83,9 @@ LEVELLING = np.dtype(
         ("bearing_b", "f8", (3,)),  # direction of the newest sample's support
         ("fix_us", "i8"),  # GNSS: newest fix with a speed, -1 none
         ("speed_mps", "f8"),
-        ("course_rad", "f8"),
+        ("north_mps", "f8"),  # velocity over ground, smoothed
+        ("east_mps", "f8"),
+        ("smoothed", "f8"),  # share of the slope that the smoothing has taken up since it began
         ("along_mps2", "f8"),  # acceleration over ground; NaN unknown
         ("across_mps2", "f8"),
         ("gravity_mps2", "f8"),
@@ -97,7 +100,7 @@ def levelling_start(level: Record) -> None:
     """Nothing known."""
     level.fix_us = -1
     level.speed_mps = math.nan
-    level.course_rad = math.nan
+    level.north_mps, level.east_mps, level.smoothed = math.nan, math.nan, 0.0
     level.along_mps2 = math.nan
     level.across_mps2 = math.nan
     level.gravity_mps2 = gravity_mps2(45.0, 0.0)
@@ -138,16 +141,25 @@ def ground_acceleration(level: Record, fix: Rows) -> None:
         level.waited_s = LONGEST_WAIT_S  # this receiver sends no speed: do not wait for one
         return
     between_us = fix[0].time_us - level.fix_us
+    between_s = between_us * 1e-6
+    north, east = speed * math.cos(course), speed * math.sin(course)
     level.along_mps2, level.across_mps2 = math.nan, math.nan
     if level.fix_us >= 0 and SHORTEST_FIX_US <= between_us <= LONGEST_FIX_US:
-        turned = course - level.course_rad
-        turned -= math.tau * math.floor((turned + math.pi) / math.tau)
-        along = (speed - level.speed_mps) / (between_us * 1e-6)
-        across = 0.5 * (speed + level.speed_mps) * turned / (between_us * 1e-6)
-        if math.hypot(along, across) <= HIGHEST_ACCELERATION_MPS2:
-            level.along_mps2, level.across_mps2 = along, across
+        share = 1.0 - math.exp(-between_s / SMOOTHING_S)
+        level.smoothed += share * (1.0 - level.smoothed)
+        gained_north = share * (north - level.north_mps)
+        gained_east = share * (east - level.east_mps)
+        level.north_mps += gained_north
+        level.east_mps += gained_east
+        north_mps2 = gained_north / (between_s * level.smoothed)
+        east_mps2 = gained_east / (between_s * level.smoothed)
+        if math.hypot(north_mps2, east_mps2) <= HIGHEST_ACCELERATION_MPS2:
+            level.along_mps2 = north_mps2 * math.cos(course) + east_mps2 * math.sin(course)
+            level.across_mps2 = east_mps2 * math.cos(course) - north_mps2 * math.sin(course)
+    else:
+        level.north_mps, level.east_mps, level.smoothed = north, east, 0.0
     level.fix_us = fix[0].time_us
-    level.speed_mps, level.course_rad = speed, course
+    level.speed_mps = speed
 
 
 @step
@@ -278,11 +290,11 @@ def correct_tilt(level: Record, imu: Rows, elapsed_s: float) -> None:
     cov += elapsed_s * bias
     bias += elapsed_s * GYRO_WALK_RADPS_RTS * GYRO_WALK_RADPS_RTS
     up, bearing, smooth = level.up_b, level.bearing_b, level.force_b_mps2
+    rotate(smooth, level.mean_rate_b_radps, elapsed_s)
+    share = 1.0 - math.exp(-elapsed_s / SMOOTHING_S)
     for i in range(3):
-        smooth[i] += min(1.0, elapsed_s / VIBRATION_TIME_S) * (
-            imu[0].specific_force_b_mps2[i] - smooth[i]
-        )
-    size = support_direction(level, imu[0].specific_force_b_mps2, up, bearing)
+        smooth[i] += share * (imu[0].specific_force_b_mps2[i] - smooth[i])
+    size = support_direction(level, smooth, up, bearing)
     if size >= LEAST_SUPPORT_MPS2:
         noise = bearing_variance(level, elapsed_s)
         tilt_gain, bias_gain = tilt / (tilt + noise), cov / (tilt + noise)

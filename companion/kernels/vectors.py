@@ -26,8 +26,17 @@ def normalise(vector: Vector) -> None:
 
 
 @step
-def turn(vector: Vector, rate_b_radps: Vector, elapsed_s: float) -> None:
-    """A unit vector fixed in space, as the body sees it after turning at `rate_b_radps`, in place.
+def turn(direction: Vector, rate_b_radps: Vector, elapsed_s: float) -> None:
+    """A unit vector fixed in space, as the body sees it after turning at `rate_b_radps`, in
+    place."""
+    rotate(direction, rate_b_radps, elapsed_s)
+    normalise(direction)
+
+
+@step
+def rotate(vector: Vector, rate_b_radps: Vector, elapsed_s: float) -> None:
+    """A vector of any length fixed in space, as the body sees it after turning at `rate_b_radps`,
+    in place.
 
     Rodrigues' formula for the angle -rate dt.
     """
@@ -48,4 +57,3 @@ def turn(vector: Vector, rate_b_radps: Vector, elapsed_s: float) -> None:
     uy = cosine * vector[1] + sinc * (z * vector[0] - x * vector[2]) + along * y
     uz = cosine * vector[2] + sinc * (x * vector[1] - y * vector[0]) + along * z
     vector[0], vector[1], vector[2] = ux, uy, uz
-    normalise(vector)

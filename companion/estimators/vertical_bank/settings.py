@@ -40,15 +40,17 @@ class VerticalBankSettings(EstimatorSettings):
     offset_walk_m_rts: float = Field(0.05, ge=0, le=10)
     """random walk of the barometer's slow error: 3 m in an hour, half of it the slope of pressure
     en route (4 m per 100 km)"""
-    rate_sd_mps: tuple[Spread, Spread, Spread] = (0.003, 0.03, 0.25)
+    rate_sd_mps: tuple[Spread, Spread, Spread] = (0.002, 0.008, 0.25)
     """standard deviation of the drift rate of the barometer's error in calm, fair and stormy
-    weather (a year of METARs has 4.7 m/h sd, 31 m/h at most; a jump line 25 m in minutes)"""
+    weather (a year of METARs has 4.7 m/h sd, 31 m/h at most; en route in calm weather the slope of
+    pressure, 4 m per 100 km, is as much again; a jump line moves 25 m in minutes)"""
     rate_time_s: tuple[Positive, Positive, Positive] = (1800.0, 600.0, 600.0)
     """correlation time of the drift rate in each weather"""
     weather_prior: tuple[Share, Share, Share] = (0.94, 0.05, 0.01)
     """share of time with calm, fair and stormy weather"""
-    switching_s: float = Field(1200.0, gt=0, le=1e6)
-    """mean time for which the weather stays of one kind"""
+    switching_s: float = Field(10_800.0, gt=0, le=1e6)
+    """mean time for which the weather stays of one kind (10-30 h at a station, by a hidden Markov
+    model of a year of METARs; a flight leaves it sooner)"""
     fast_sd_m: float = Field(1.5, ge=0, le=100)
     """standard deviation of the barometer's fast error: gusts over the static port, sensor
     wander"""

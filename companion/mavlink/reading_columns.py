@@ -3,7 +3,7 @@ messages at once, with the same values bit for bit (tests/unit/companion/mavlink
 
 import math
 from collections import namedtuple
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +18,8 @@ from companion.samples import DTYPES, Kind, Rows, rows
 RADIANS = math.pi / 180.0
 LARGEST_STAMP_US = 1 << 61
 """as of `companion.intake.clock_steps`: a stamp above it is no time"""
+UNSAID = "datum_sd_m"
+"""field of a fix that no message says"""
 Columns = NDArray[Any]
 """The payloads of one kind, a structured array with the fields' names."""
 Array = NDArray[Any]
@@ -28,11 +30,21 @@ class Readings(NamedTuple):
 
     kind: Kind
     base: TimeBase
-    messages: Array
-    """place of each reading's message among the columns, shape (n,)"""
+    places: Array
+    """of each reading's message among the columns, or of its item in a log, shape (n,)"""
     stamp_us: Array
     samples: Rows
     """rows of the kind's dtype with ``instance`` and the values, shape (n,)"""
+
+
+def singles(columns: Readings) -> Iterator[convert.Reading]:
+    """Readings in columns as one after the other."""
+    kind, base = columns.kind, columns.base
+    names = (columns.samples.dtype.names or ())[3:]
+    values = [columns.samples[name].tolist() for name in names if name != UNSAID]
+    instances, stamps = columns.samples["instance"].tolist(), columns.stamp_us.tolist()
+    for stamp_us, instance, *each in zip(stamps, instances, *values, strict=True):
+        yield convert.Reading(kind, base, stamp_us, instance, tuple(each))
 
 
 Converter = Callable[[Columns], list[Readings]]

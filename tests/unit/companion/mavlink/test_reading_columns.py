@@ -52,7 +52,7 @@ def test_columns_are_the_single_messages(message_id: int) -> None:
     columns = [each for make in KINDS[message_id] for each in make(table)]
     merged: list[list[bytes]] = [[] for _ in range(table.size)]
     for each in columns:
-        for i, place in enumerate(each.messages.tolist()):
+        for i, place in enumerate(each.places.tolist()):
             row = each.samples[i : i + 1]
             merged[place].append(
                 struct.pack("<q", int(each.stamp_us[i])) + each.base.name.encode() + row.tobytes()

@@ -22,8 +22,8 @@ def test_level_is_where_the_risk_is_the_allowed_one(seed: int, before_m: float) 
     weight[0] = 1.0
     weight /= weight.sum()
     height_m, sd_m = 100.0 + rng.normal(0.0, 40.0, N), 10.0 ** rng.uniform(-0.5, 1.5, N)
-    bank.weight[:], bank.x[:, vc.HEIGHT], bank.P[:, vc.HEIGHT, vc.HEIGHT] = weight, height_m, sd_m**2
-    bank.protection_m = before_m
+    bank.weight[:], bank.protection_m = weight, before_m
+    bank.x[:, vc.HEIGHT], bank.P[:, vc.HEIGHT, vc.HEIGHT] = height_m, sd_m**2
     mean_m = float(weight @ height_m)
 
     def excess(level_m: float) -> float:

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from companion.intake.geoid import undulation_m
 from companion.intake.row_steps import DOUBTED
 from companion.intake.vehicle_clock import BASES
-from companion.mavlink import reading_columns
+from companion.mavlink import convert
 from companion.mavlink.codec import mavlink
 from companion.mavlink.columns import columns
+from companion.mavlink.convert import Converter
 from companion.mavlink.identity import VEHICLE_TYPES
 from companion.mavlink.imu import ImuSelector
-from companion.mavlink.reading_columns import Converter, Readings
+from companion.mavlink.reading_columns import LARGEST_STAMP_US, Readings, readings_of
 from companion.mavlink.requests import REQUESTS
 from companion.recorded import Batch
 from companion.replay.block_steps import (
@@ -157,7 +158,7 @@ def _of_frames(
         if message_id == HEARTBEAT:
             is_odd[where] |= _new_beats(table, speaker)
         _fill_items(items, places[where], table, WHAT.get(message_id, PLAIN))
-        of_messages = (each for make in converter for each in make(table))
+        of_messages = (each for make in converter for each in readings_of(make, table))
         found += [(message_id, r._replace(places=places[where[r.places]])) for r in of_messages]
     special[places] = is_odd
     return found
@@ -200,11 +201,11 @@ def stations(data: NDArray[np.uint8], index: Rows) -> dict[tuple[int, int], int]
 
 def _converters(speaker: Speaker) -> dict[int, list[Converter]]:
     """The converters of each kind of message, in the order of their readings."""
-    found = {message_id: [make] for message_id, make in reading_columns.CONVERTERS.items()}
+    found = {message_id: [make] for message_id, make in convert.CONVERTERS.items()}
     scale = speaker.imu_scale
     if scale is not None:
-        found[RAW_IMU] = [lambda table: reading_columns.raw_imu(table, scale)]
-    for message_id, make in reading_columns.THERMOMETERS[speaker.air_temperature].items():
+        found[RAW_IMU] = [lambda fields, _: convert.raw_imu(fields, scale)]
+    for message_id, make in convert.THERMOMETERS[speaker.air_temperature].items():
         found[message_id] = [*found.get(message_id, []), make]
     return found
 
@@ -224,7 +225,7 @@ def _fill_items(items: Rows, where: NDArray[np.int64], table: NDArray[Any], what
     """What a message says beside its readings."""
     items["what"][where] = what
     if what == SYSTEM_TIME:
-        largest = np.uint64(reading_columns.LARGEST_STAMP_US)
+        largest = np.uint64(LARGEST_STAMP_US)
         items["a_us"][where] = np.minimum(table["time_unix_usec"], largest)
         items["b_us"][where] = table["time_boot_ms"].astype("i8") * 1000
     elif what == OWN_HEIGHT:

@@ -133,22 +133,24 @@ def _of_frames(
     the pipeline."""
     data, index = batch.data, np.asarray(batch.index)
     places = np.arange(index.size) if batch.places is None else batch.places
+    ids = np.ascontiguousarray(index["message_id"])
     is_vehicle = _sent_by(index, speaker.vehicle)
     items["is_frame"][places] = 1
     items["is_vehicle"][places] = is_vehicle
     is_odd = (index["signed"] != 0) | (_sent_by(index, speaker.own) & ~is_vehicle)
-    for message_id in REQUESTS:
-        asked = np.flatnonzero(index["message_id"] == message_id)
+    present = np.unique(ids)
+    for message_id in REQUESTS & set(present.tolist()):
+        asked = np.flatnonzero(ids == message_id)
         table = columns(data, index[asked], message_id)
         is_odd[asked] |= is_vehicle[asked] | _addressed(table, speaker.own)
-    beats = np.flatnonzero(~is_vehicle & (index["message_id"] == HEARTBEAT))
+    beats = np.flatnonzero(~is_vehicle & (ids == HEARTBEAT))
     is_odd[beats] |= ~_of_stations(columns(data, index[beats], HEARTBEAT))
     found: list[Found] = []
     converters = _converters(speaker)
-    for message_id in np.unique(index["message_id"][is_vehicle]).tolist():
-        where = np.flatnonzero(is_vehicle & (index["message_id"] == message_id))
+    for message_id in present.tolist():
         if message_id in REQUESTS or message_id not in speaker.wanted - (SILENT - speaker.listened):
             continue
+        where = np.flatnonzero((ids == message_id) & is_vehicle)
         converter = converters.get(message_id, [])
         known = bool(converter) or message_id in WHAT
         if not known or message_id in speaker.listened - {HEARTBEAT}:

@@ -18,6 +18,7 @@ from companion.intake.row_steps import DOUBTED, RIGHT, UNSETTLED
 from companion.mavlink.altitude_steps import ALTITUDE
 from companion.mavlink.codec import Frame, decode, mavlink
 from companion.mavlink.convert import TRUTHS
+from companion.mavlink.identity import Origin
 from companion.mavlink.record_scan import INDEX
 from companion.observer import Block, BlockObserver
 from companion.pipeline import Pipeline
@@ -37,6 +38,7 @@ from companion.replay.columns import (
     Speaker,
     arrays_of,
     heights,
+    sent_by,
     stations,
 )
 from companion.samples import ESTIMATE, Kind, Rows, Tables, Verdict, readable, rows
@@ -79,6 +81,8 @@ class BlockRunner:
         self._own = self._others = np.zeros(0, np.bool_)
         """which items of the batch are frames of the vehicle, and of others, that were taken in the
         loops"""
+        self._signs = False
+        """whether frames of the batch are signed"""
         self._told = self._at = 0
         """the frames of the batch that are counted, and those that were taken"""
         self._length = SMALLEST
@@ -90,20 +94,24 @@ class BlockRunner:
         none: frozenset[int] = frozenset()
         speaker = Speaker((1, 1), (1, 191), 0, 0, None, none, none, False, "none", 0, 0)
         times_us = np.zeros(0, np.int64)
-        self._loops(arrays_of(Batch(times_us, times_us, 0, b"", rows(INDEX, 0)), 0, speaker), 0, 0)
+        nothing = Batch(times_us, times_us, 0, b"", rows(INDEX, 0))
+        self._loops(arrays_of(nothing, 0, speaker, None), 0, 0)
 
     def run(self, batch: Batch, observer: Callable[[], BlockObserver]) -> None:
         """Take all items of a batch; `observer` gives the one of the present session."""
         at, size = 0, batch.size
         self._batch, self._told, self._at = batch, 0, 0
         self._own, self._others = np.zeros((2, size), np.bool_)
+        self._signs = bool(np.asarray(batch.index["signed"]).any())
         arrays: Arrays | None = None
         first, known = 0, None
         while at < size:
             speaker = self._speaker(observer())
             if speaker is not None:
                 if arrays is None or speaker != known:
-                    arrays, first = arrays_of(batch, at, speaker), at
+                    self.flush()
+                    signed_us = self.pipeline.identity.signed_us
+                    arrays, first = arrays_of(batch, at, speaker, signed_us), at
                     known = speaker
                 stop = self._stop(arrays, at - first)
                 reached = self._piece(arrays, first, (at - first, stop), observer())
@@ -118,17 +126,14 @@ class BlockRunner:
 
     def _speaker(self, observer: BlockObserver) -> Speaker | None:
         """What decides how frames are taken; None where the pipeline has to take all of them."""
-        pipeline, air = self.pipeline, self.pipeline.air
-        identity, vehicle = pipeline.identity, pipeline.identity.vehicle
-        told = (air.qnh_hpa, air.temperature_c, air.field_elevation_m)
+        pipeline, identity = self.pipeline, self.pipeline.identity
+        vehicle = identity.vehicle
         if (
             vehicle is None
             or pipeline.now_us < 0
             or pipeline.sends
             or pipeline.signing is not None
-            or identity.is_signed
-            or air.reference is not None
-            or any(each is not None for each in told)
+            or pipeline.air.reference is not None
         ):
             return None
         simulation, session = pipeline.intake.simulation, id(observer)
@@ -167,7 +172,7 @@ class BlockRunner:
         """Let the pipeline take one item."""
         time_us, item = batch.item(at)
         is_beat = isinstance(item, Frame) and item.message_id == HEARTBEAT
-        if is_beat:
+        if is_beat or self._signs or self.pipeline.identity.signed_us is not None:
             self.flush()
         self._at = at + 1
         self._take(time_us, item)
@@ -236,6 +241,8 @@ class BlockRunner:
             pipeline.readings.imu.state,
             intake.datum.state,
             intake.datum.params,
+            pipeline.air.state,
+            pipeline.air.at_rest.state,
             (one, two, three, four),
             (pressure, gnss),
             self._counts,
@@ -344,16 +351,26 @@ class BlockRunner:
         if not own.any():
             return
         pipeline, ids = self.pipeline, index["message_id"][own]
-        newest = int(index["version"][own].max()), int(index["time_us"][np.flatnonzero(own)[-1]])
-        counts = np.bincount(ids)
-        pipeline.identity.took(ids.size, *newest, told_again=bool(counts[HEARTBEAT]))
+        counts, times_us = np.bincount(ids), index["time_us"]
+        signed = np.flatnonzero(own & (index["signed"] != 0))
+        pipeline.identity.took(
+            ids.size,
+            int(index["version"][own].max()),
+            int(times_us[np.flatnonzero(own)[-1]]),
+            int(times_us[signed[-1]]) if signed.size else None,
+            told_again=bool(counts[HEARTBEAT]),
+        )
         for message_id in np.flatnonzero(counts).tolist():
             heard = pipeline.heard.get(message_id, 0)
             pipeline.heard[message_id] = heard + int(counts[message_id])
 
     def _count_others(self, others: Rows, batch: Batch) -> None:
-        """Count frames of others."""
+        """Count frames of others, and forged ones."""
         identity = self.pipeline.identity
+        if identity.vehicle is not None:
+            is_forged = sent_by(others, identity.vehicle)
+            identity.counters[Origin.FORGED] += int(is_forged.sum())
+            others = others[~is_forged]
         beats = others[others["message_id"] == HEARTBEAT]
         for speaker, time_us in stations(batch.data, beats).items():
             identity.station(speaker, time_us)

@@ -333,7 +333,8 @@ def _clamp(value: float, low: float, high: float) -> float:
 
 
 def _towards(value: float, goal: float, step: float) -> float:
-    return value + _clamp(goal - value, -step, step)
+    change = goal - value
+    return value + (-step if change < -step else step if change > step else change)
 
 
 def _wrapped(angle_rad: float) -> float:

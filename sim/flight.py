@@ -21,7 +21,7 @@ from pathlib import Path
 from companion.clock import Clock, SystemClock
 from companion.errors import SimulationError
 from companion.links import Link
-from sim import STEPS_PER_TICK
+from sim import STEPS_PER_TICK, TICK_US
 from sim.aircraft import Aircraft
 from sim.aircraft_state import Truth
 from sim.onboard import MOTION_US, Moment, Onboard, new_moment
@@ -229,29 +229,29 @@ class Flight:
 
     def tick(self) -> None:
         """Advance by one tick of `sim.TICK_US`."""
-        self._onboard.tick(self._fly_tick())
+        self._onboard.tick(self._fly_ticks())
 
     def _block(self, limit_us: float) -> None:
         """Fly to the next update of the weather, or to the end, and take the moments then."""
-        moments = []
+        moments, air_us = [], self._onboard.air_period_us
         try:
             while True:
-                moments.append(self._fly_tick())
+                idle = self.time_us % MOTION_US == 0 and (self.time_us + TICK_US) % air_us
+                moments.append(self._fly_ticks(2 if idle else 1))
                 now_us = self.time_us
                 if now_us % _WEATHER_US == 0 or self.profile.done or now_us > limit_us:
                     break
         finally:
-            take = self._onboard.tick
-            for moment in moments:
-                take(moment)
+            self._onboard.take(moments)
 
-    def _fly_tick(self) -> Moment:
-        """Weather, dynamics and autopilot of one tick."""
+    def _fly_ticks(self, ticks: int = 1) -> Moment:
+        """Weather, dynamics and autopilot of one tick, or of two if nothing else is due at the
+        first."""
         aircraft, onboard = self.aircraft, self._onboard
         if self.time_us % _WEATHER_US == 0:
             self.weather.update(self.time_us * 1e-6)
             self._check_fuel()
-        aircraft.advance(STEPS_PER_TICK)
+        aircraft.advance(STEPS_PER_TICK, ticks)
         self.time_us = now_us = aircraft.time_us
         truth = motion = air = flow = None
         throttle, events = 0.0, _NO_EVENTS

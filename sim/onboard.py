@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from companion.links import Link
-from companion.logs.tlog import TlogWriter
+from companion.logs.tlog import TlogWriter, record
 from companion.samples import Packet
-from sim import BOOT_UNIX_US
+from sim import BOOT_UNIX_US, TICK_US
 from sim.aircraft_state import Flow, Motion, Truth
 from sim.faults.injector import FaultInjector
 from sim.pilot.autopilot import UPDATE_HZ
@@ -87,6 +87,8 @@ class Onboard:
         self._on_fix = on_fix
         self._injectors: list[FaultInjector] = []
         self._writer = TlogWriter(tlog) if tlog is not None else None
+        self._records: list[bytes] = []
+        """records that wait for the log until the end of a call"""
         self.vehicle = Vehicle(
             OwnEstimate(sensors.estimate, seed, MOTION_US * 1e-6, face.raise_time_s),
             self._record if self._writer else None,
@@ -98,8 +100,29 @@ class Onboard:
         if self._writer is not None:
             self._port(str(tlog), self._delivery(None), face, full=True)
 
+    def take(self, moments: Sequence[Moment]) -> None:
+        """Take moments in order, and the ticks between them at which something is sent."""
+        for moment in moments:
+            between_us = self.vehicle.state.time_us + TICK_US
+            while between_us < moment.time_us:
+                if self._is_due(between_us):
+                    self._tick(Moment(between_us))
+                between_us += TICK_US
+            self._tick(moment)
+        self._write()
+
+    def _is_due(self, now_us: int) -> bool:
+        """Whether a fix arrives, a message is due, or faults may hold packets."""
+        if self._injectors or self.gnss.arrives_us <= now_us:
+            return True
+        return any(port.due_us <= now_us for port in self.vehicle.ports)
+
     def tick(self, moment: Moment) -> None:
         """Measure, receive and send at a moment; call it with every moment in order."""
+        self._tick(moment)
+        self._write()
+
+    def _tick(self, moment: Moment) -> None:
         now_us, truth, motion, throttle, events, air, flow = moment
         vehicle = self.vehicle
         state = vehicle.state
@@ -145,10 +168,12 @@ class Onboard:
         """Deliver what faults still delay."""
         for injector in self._injectors:
             injector.due(math.inf)
+        self._write()
 
     def close(self) -> None:
         """Close the log."""
         if self._writer is not None:
+            self._write()
             self._writer.close()
 
     def _port(self, name: str, deliver: Callable[[bytes], bool], face: Flavour, full: bool) -> Port:
@@ -174,18 +199,24 @@ class Onboard:
 
     def _log(self) -> Callable[[bytes], bool]:
         """The delivery of a frame to the log."""
-        state, write = self.vehicle.state, self._writer.write  # type: ignore[union-attr]
+        state, append = self.vehicle.state, self._records.append
 
         def log(frame: bytes) -> bool:
-            write(BOOT_UNIX_US + state.time_us, frame)
+            append(record(BOOT_UNIX_US + state.time_us, frame))
             return True
 
         return log
 
+    def _write(self) -> None:
+        """Write what waits for the log."""
+        if self._records and self._writer is not None:
+            self._writer.write_records(b"".join(self._records), self._unix_us())
+            self._records.clear()
+
     def _log_packet(self, packet: Packet) -> bool:
-        self._writer.write(packet.time_us, packet.data)  # type: ignore[union-attr]
+        self._records.append(record(packet.time_us, packet.data))
         return True
 
     def _record(self, time_us: int, frame: bytes) -> None:
         """Log a frame that was received."""
-        self._writer.write(BOOT_UNIX_US + time_us, frame)  # type: ignore[union-attr]
+        self._records.append(record(BOOT_UNIX_US + time_us, frame))

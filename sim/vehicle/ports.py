@@ -5,6 +5,7 @@ A live link starts at the default rates of the flavour (ArduPlane's 1 Hz) and ob
 that it receives; a log gets the full set. Rates hold in simulated time.
 """
 
+import math
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from heapq import heapify, heappop, heappush
@@ -91,6 +92,11 @@ class Port:
         """measurement time of the last fix sent"""
         self._activate({})
 
+    @property
+    def due_us(self) -> float:
+        """When the next message is due."""
+        return self._waiting[0][0] if self._waiting else math.inf
+
     def stream(self, state: State) -> None:
         """Send every message that is due and has a new sample."""
         now_us, waiting = state.time_us, self._waiting
@@ -110,8 +116,7 @@ class Port:
             ):
                 payload = stream.payload(state)
                 if payload is not None:
-                    if self._send(stream.packer, payload):
-                        stream.sent += 1
+                    stream.sent += self._send(stream.packer, payload)
                     last_id = stream.message_id
                     # Behind by more than an interval (it had to wait for a fix): start over instead
                     # of catching up.

@@ -134,7 +134,6 @@ class Flight:
         self._speed = speed
         self._stopped = False
         self._on_fix = on_fix
-        self._airborne = False
         self._received_bytes = 0
         self._injectors: list[FaultInjector] = []
         seed = self._seed = scenario.seed if seed is None else seed

@@ -6,10 +6,11 @@ Every estimator with ``Method.tunable`` counts the log-likelihood of its innovat
 finite differences (`scipy.optimize`), within a factor of `WIDEST`.
 
 A key is observable when the likelihood falls by at least `LEAST_DROP` both when it is doubled and
-when it is halved, at the optimum; others keep their value. Each part (a session, or half of one
-when there is only one) is also judged with the values that the others give; unless the parts become
-more likely in sum, the tuning is refused. Source: Abbeel et al., Discriminative training of Kalman
-filters, 2005.
+when it is halved, at the optimum, and when its standard deviation, with what it may trade with the
+other keys, is below `FACTOR`; others keep their value, with the reason. Each part (a session, or
+half of one when there is only one) is also judged with the values that the others give; unless the
+parts become more likely in sum, the tuning is refused. Source: Abbeel et al., Discriminative
+training of Kalman filters, 2005.
 """
 
 import math
@@ -71,8 +72,8 @@ class Tuned:
 
     estimator: str
     changes: list[Change]
-    kept: list[str]
-    """keys that the logs do not show"""
+    kept: dict[str, str]
+    """keys that the logs do not show, and why"""
     innovations: float
     likelihood: tuple[float, float]
     """log-likelihood of an innovation, before and after"""
@@ -89,7 +90,7 @@ class Tuned:
             lines.append(
                 f"{each.key:30s}{each.before:12.4g}{each.after:12.4g}   {each.factor_sd:.3f}"
             )
-        lines += [f"{key:30s} kept: the logs do not show it" for key in self.kept]
+        lines += [f"{key:30s} kept: {reason}" for key, reason in self.kept.items()]
         lines += ["", *self.figures()]
         return "\n".join(lines)
 
@@ -144,13 +145,10 @@ def tune(
     section = settings.section(estimator)
     likelihood = _Likelihood(method, section, on_progress)
     parts = _usable(likelihood, logs, f"{paths[0]}: {estimator}")
-    found, spread = _observable(likelihood, parts)
+    found, spread, kept = _observable(likelihood, parts)
     if not found:
-        raise LogFormatError(
-            f"the logs show no noise parameter of {estimator}: the likelihood of the innovations "
-            f"falls by less than {LEAST_DROP:g} when any of {', '.join(method.tunable)} is doubled "
-            "or halved"
-        )
+        reasons = "; ".join(f"{key}: {reason}" for key, reason in kept.items())
+        raise LogFormatError(f"the logs show no noise parameter of {estimator}: {reasons}")
     held = _held_out(likelihood, parts, list(found))
     if held[1] <= held[0]:
         raise LogFormatError(
@@ -163,7 +161,7 @@ def tune(
     return Tuned(
         estimator,
         [Change(key, getattr(section, key), value, spread[key]) for key, value in found.items()],
-        [key for key in method.tunable if key not in found],
+        kept,
         total[0][1],
         (total[0][0] / total[0][1], total[1][0] / total[1][1]),
         held,
@@ -250,26 +248,71 @@ def _search(
 
 def _observable(
     likelihood: _Likelihood, parts: Sequence[Part]
-) -> tuple[dict[str, float], dict[str, float]]:
-    """Values of the keys that the parts show, and their standard deviations as factors.
+) -> tuple[dict[str, float], dict[str, float], dict[str, str]]:
+    """Values of the keys that the parts show, their standard deviations as factors, and why the
+    others are left out.
 
     Keys that run to the bound are left out first, then the one that shows least, until all show.
     """
+    kept = dict.fromkeys(likelihood.keys, NOT_SHOWN)
     keys = [key for key in likelihood.keys if getattr(likelihood.section, key) > 0]
     keys = [key for key in keys if max(map(abs, _drops(likelihood, parts, {}, key))) >= LEAST_DROP]
     while keys:
         values = _search(likelihood, parts, keys)
-        inside = [key for key in keys if _is_inside(likelihood.section, key, values[key])]
-        drops = {key: min(_drops(likelihood, parts, values, key)) for key in inside}
-        weakest = min(drops, key=drops.__getitem__, default=None)
-        if len(inside) == len(keys) and weakest is not None and drops[weakest] >= LEAST_DROP:
-            spread = {
-                key: math.exp(math.log(FACTOR) / math.sqrt(2.0 * drop))
-                for key, drop in drops.items()
-            }
-            return values, spread
-        keys = inside if len(inside) < len(keys) else [key for key in keys if key != weakest]
-    return {}, {}
+        outside = [key for key in keys if not _is_inside(likelihood.section, key, values[key])]
+        if outside:
+            kept |= {key: _bound_reason(likelihood.section, key, values[key]) for key in outside}
+            keys = [key for key in keys if key not in outside]
+            continue
+        drops = {key: min(_drops(likelihood, parts, values, key)) for key in keys}
+        weakest = min(drops, key=drops.__getitem__)
+        if drops[weakest] >= LEAST_DROP:
+            sd = _log_sd(likelihood, parts, values)
+            weakest = max(sd, key=sd.__getitem__)
+            if sd[weakest] <= math.log(FACTOR):
+                spread = {key: math.exp(value) for key, value in sd.items()}
+                return values, spread, {key: kept[key] for key in kept if key not in keys}
+            others = ", ".join(key for key in keys if key != weakest)
+            kept[weakest] = f"it cannot be told from {others}"
+        keys = [key for key in keys if key != weakest]
+    return {}, {}, kept
+
+
+NOT_SHOWN = f"the likelihood falls by less than {LEAST_DROP:g} when it is doubled or halved"
+
+
+def _bound_reason(section: Settings, key: str, value: float) -> str:
+    less = value < getattr(section, key)
+    return f"it runs to {'1/' if less else ''}{WIDEST:g} of its value: " + (
+        "the other noise explains the innovations already" if less else "no value explains them"
+    )
+
+
+def _log_sd(
+    likelihood: _Likelihood, parts: Sequence[Part], values: Mapping[str, float]
+) -> dict[str, float]:
+    """Standard deviations of the logarithms of the keys, by the curvature of the likelihood; what
+    two keys may trade is in them. Infinite where it does not fall in some direction."""
+    keys, size = list(values), 0.5 * math.log(FACTOR)
+
+    def at(*moves: tuple[str, int]) -> float:
+        moved = dict(values)
+        for key, sign in moves:
+            moved[key] *= math.exp(sign * size)
+        return _sum(likelihood, parts, moved)[0]
+
+    here, curvature = at(), np.zeros((len(keys), len(keys)))
+    for i, one in enumerate(keys):
+        curvature[i, i] = 2.0 * here - at((one, 1)) - at((one, -1))
+        for j, other in enumerate(keys[:i]):
+            both = at((one, 1), (other, 1)) + at((one, -1), (other, -1))
+            across = at((one, 1), (other, -1)) + at((one, -1), (other, 1))
+            curvature[i, j] = curvature[j, i] = 0.25 * (across - both)
+    if np.linalg.eigvalsh(curvature).min() <= 0.0:
+        least = keys[int(np.argmin(np.diag(curvature)))]
+        return {key: math.inf if key == least else 0.0 for key in keys}
+    sd = size * np.sqrt(np.diag(np.linalg.inv(curvature)))
+    return dict(zip(keys, sd.tolist(), strict=True))
 
 
 def _is_inside(section: Settings, key: str, value: float) -> bool:

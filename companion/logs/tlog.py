@@ -262,6 +262,11 @@ def _this_century(stamp: int) -> bool:
     return any(_MILLISECONDS[0] * scale < stamp < _MILLISECONDS[1] * scale for scale in (1, 1000))
 
 
+def record(time_us: int, frame: bytes) -> bytes:
+    """One record of a tlog: its time (UNIX microseconds) and a frame."""
+    return _pack_stamp(time_us) + frame
+
+
 class TlogWriter:
     """Writes a tlog that other ground stations can play, replacing the file if there is one.
 
@@ -283,8 +288,12 @@ class TlogWriter:
 
     def write(self, time_us: int, frame: bytes) -> None:
         """Append one whole frame that was read or sent at `time_us` (UNIX microseconds)."""
+        self.write_records(record(time_us, frame), time_us)
+
+    def write_records(self, records: bytes, time_us: int) -> None:
+        """Append records (see `record`) of which the last is of `time_us`."""
         try:
-            self._file.write(_pack_stamp(time_us) + frame)
+            self._file.write(records)
             if not 0 <= time_us - self._flushed_us < _FLUSH_US:
                 self._file.flush()
                 self._flushed_us = time_us

@@ -36,7 +36,7 @@ import math
 
 import numpy as np
 
-from companion.estimators.outage import OUTAGE, growth_m2, note_difference, outage_start
+from companion.estimators.outage import OUTAGE, gap_s, growth_m2, note_difference, outage_start
 from companion.estimators.setting import (
     KNOWN_COLUMN_RATIO,
     SETTING,
@@ -270,14 +270,8 @@ def note_fix(
     elif not math.isnan(altitude_m):
         estimate[0].innovation_m = sample[0].altitude_amsl_m - altitude_m
         _reference(inputs, sample[0].time_us, estimate[0].innovation_m, sd_m)
-        note_difference(
-            inputs.outage,
-            sample[0].time_us,
-            sample[0].altitude_amsl_m,
-            altitude_m,
-            sample[0].ground_speed_mps,
-            sd_m,
-        )
+        gnss_m, speed_mps = sample[0].altitude_amsl_m, sample[0].ground_speed_mps
+        note_difference(inputs.outage, sample[0].time_us, gnss_m, altitude_m, speed_mps, sd_m)
 
 
 @step
@@ -394,5 +388,6 @@ def reference_sd_m(inputs: Record, params: Rows, time_us: int, altitude_m: float
         prior = max(prior, inputs.reference_m**2 - inputs.reference_var_m2)
     weight = 0.0 if inputs.reference_us < 0 else prior / (prior + inputs.reference_var_m2)
     seen_m = weight * inputs.reference_m
-    unseen_m2 = growth_m2(inputs.outage, time_us, altitude_m)
+    unseen_m = p.pressure_drift_mps * gap_s(inputs.outage, time_us)
+    unseen_m2 = unseen_m * unseen_m + growth_m2(inputs.outage, time_us, altitude_m)
     return math.sqrt(seen_m * seen_m + prior * (1.0 - weight) + unseen_m2)

@@ -37,9 +37,8 @@ class Announcements:
         health = monitor.health
         self._say("health", health, SEVERITY[health], f" {health.name}: {monitor.reason}")
 
-    def excluded(self, estimate: Rows) -> None:
-        """Another sensor is excluded, or none any more."""
-        faulty = int(estimate[0]["faulty"])
+    def excluded(self, faulty: int, estimate: Rows) -> None:
+        """Another sensor is excluded, or none any more: `faulty` of the estimate."""
         if faulty != self._excluded and self._enabled:
             self._excluded = faulty
             text = excluded(estimate) or "all sensors used again"

@@ -16,6 +16,7 @@ from companion.feedback import Feedback, Situation
 from companion.health import HealthMonitor
 from companion.intake import Intake, SampleReject, restart_row
 from companion.known_air import AirSettings, KnownAir
+from companion.live import LivePath
 from companion.mavlink import convert
 from companion.mavlink.codec import Decoder, Frame, Message, mavlink
 from companion.mavlink.commands import Commands
@@ -92,6 +93,7 @@ class Pipeline:
         self.listeners = dict(listeners or {})
         self._sender = Sender(signing)
         self.commands, self._host_us = Commands(intervals(settings.publish)), 0
+        self._live: LivePath | None = None
         self.parameters = Parameters(
             settings, AirSettings, lambda key: getattr(self.air, key), self._set_air
         )
@@ -139,7 +141,7 @@ class Pipeline:
     def observe(self, observer: Observer | None) -> None:
         """Let `observer` see what happens from now on."""
         self._observer = observer
-        self._wants_imu = observer is not None or Kind.IMU in self.filter.method.uses
+        self.wants_imu = observer is not None or Kind.IMU in self.filter.method.uses
 
     def listen(self, message_id: int, listener: Callable[[Message], None]) -> None:
         """Call `listener` for each message of this id, in place of the one before."""
@@ -153,7 +155,8 @@ class Pipeline:
         The two share the decoder, which keeps nothing between datagrams but its counters.
         """
         shared = (self.decoder, self._observer, self._sender)
-        other = copy.deepcopy(self, {id(each): each for each in shared})
+        memo: dict[int, Any] = {id(self._live): None} | {id(each): each for each in shared}
+        other = copy.deepcopy(self, memo)
         other.sends = False
         other.observe(observer)
         return other
@@ -171,13 +174,31 @@ class Pipeline:
 
         `source` is the network address that it came from, on a link that has several.
         """
-        return self._take(self.decoder.feed(packet.data), packet.time_us, source)
+        data, arrival_us = packet.data, packet.time_us
+        self.frames, self._host_us = [], arrival_us
+        if self.decoder.is_empty:
+            sent = self._take_live(data, arrival_us, source)
+            if sent is not None:
+                self.decoder.frames += 1
+                return sent
+        sent = []
+        for frame in self.decoder.feed(data):
+            taken = self._take_live(frame.data, arrival_us, source)
+            sent += self._take(frame, arrival_us, source) if taken is None else taken
+        return sent
+
+    def _take_live(self, data: bytes, arrival_us: int, source: Hashable) -> list[bytes] | None:
+        """Take one frame in compiled steps; None where that cannot be."""
+        live = self._live
+        if live is None or not live.fits():
+            live = self._live = LivePath(self) if LivePath.suits(self) else None
+        return live.take(data, arrival_us, source) if live is not None else None
 
     def feed_item(self, item: Item, arrival_us: int) -> list[bytes]:
         """Take in what a log's reader has found; the frames to send because of it."""
+        self.frames, self._host_us = [], arrival_us
         if isinstance(item, Frame):
-            return self._take([item], arrival_us, None)
-        self.frames = []
+            return self._take(item, arrival_us, None)
         if isinstance(item, Sensed):
             return self._reading(item.reading, item.source, arrival_us)
         if isinstance(item, Height):
@@ -190,7 +211,9 @@ class Pipeline:
 
     def flush(self, arrival_us: int) -> list[bytes]:
         """The line fell silent: give up on a half-received frame."""
-        return self._take(self.decoder.flush(), arrival_us, None)
+        self.frames, self._host_us = [], arrival_us
+        frames = self.decoder.flush()
+        return [each for frame in frames for each in self._take(frame, arrival_us, None)]
 
     def age(self, host_us: int) -> list[bytes]:
         """Time passed on the host's clock: lose a height that is old, send texts that are due."""
@@ -200,6 +223,10 @@ class Pipeline:
             ids = "{}/{}".format(*(identity.vehicle or (0, 0)))
             since = f"lost at {max(0, self.now_us) * 1e-6:.1f} s of its clock"
             identity.tell(f"vehicle {ids} {since}: {self.health.reason}")
+        return self.texts(host_us)
+
+    def texts(self, host_us: int) -> list[bytes]:
+        """The texts that are due on the host's clock."""
         messages = self.announcements.due(host_us)
         return self._encode(messages) if messages else []
 
@@ -232,13 +259,8 @@ class Pipeline:
         change: dict[str, Any] = {key: value}
         self.air.set(**change)
 
-    def _take(self, frames: list[Frame], arrival_us: int, source: Hashable) -> list[bytes]:
-        self.frames = []
-        self._host_us = arrival_us
-        sent: list[bytes] = []
-        for frame in frames:
-            sent += self._frame(frame, arrival_us, source) + self.age(arrival_us)
-        return sent
+    def _take(self, frame: Frame, arrival_us: int, source: Hashable) -> list[bytes]:
+        return self._frame(frame, arrival_us, source) + self.age(arrival_us)
 
     def _frame(self, frame: Frame, arrival_us: int, source: Hashable) -> list[bytes]:
         identity, message_id = self.identity, frame.message_id
@@ -328,7 +350,7 @@ class Pipeline:
             sent += self._sample(Kind.STATUS, reboot)
         if time_us is None:
             return sent
-        if reading.kind is Kind.IMU and not self._wants_imu:
+        if reading.kind is Kind.IMU and not self.wants_imu:
             self.verdicts[Kind.IMU][Verdict.IGNORED] += 1
         elif self.readings.is_replaced(reading, message_id, self.now_us):
             self.intake.counters[SampleReject.REPLACED] += 1
@@ -339,50 +361,63 @@ class Pipeline:
 
     def _sample(self, kind: Kind, row: Rows, instance: int = 0) -> list[bytes]:
         """Give a sample to the estimator and its verdict to all who follow it."""
-        now_us = self.now_us
-        known = self.air.follow(kind, row, now_us, self.filter.estimate)
-        sent = self._sample(Kind.AIR, self.intake.air(known, row)) if known is not None else []
+        now_us, sent = self.now_us, self.tell_air(kind, row)
         self.identity.measured(kind)
         self.checker.sample(kind, row)
         verdict = self.filter.step(kind, row)
-        self.verdicts[kind][verdict] += 1
         if instance == 0 or verdict is Verdict.USED:
             self.health.sample(kind, verdict, now_us, int(row["arrival_us"][0]))
         self.outputs.sample(kind, row, verdict, self.filter.estimate)
+        self.count(kind, row, verdict)
+        return sent + self._react(now_us, used=verdict is Verdict.USED)
+
+    def tell_air(self, kind: Kind, row: Rows) -> list[bytes]:
+        """Tell the estimator what is known of the air and what it has not been told."""
+        known = self.air.follow(kind, row, self.now_us, self.filter.estimate)
+        return self._sample(Kind.AIR, self.intake.air(known, row)) if known is not None else []
+
+    def count(self, kind: Kind, row: Rows, verdict: Verdict) -> None:
+        """Count a sample, and show it to the observer."""
+        self.verdicts[kind][verdict] += 1
         if self._observer is not None:
             self._observer.sample(kind, row, verdict, self.filter.estimate)
-        return sent + self._react(now_us, used=verdict is Verdict.USED)
 
     def _react(self, now_us: int, *, used: bool) -> list[bytes]:
         """What is due now that the vehicle's clock is at `now_us`: health, ALTITUDE, DEBUG."""
-        estimate = self.filter.estimate
-        messages: list[Message] = []
-        changed = False
+        estimate, changed = self.filter.estimate, False
         if used or self.health.is_due(now_us):
             objection = self.intake.objection or self.checker.judge(now_us, estimate)
             changed = self.health.assess(now_us, estimate, *objection)
-            self.announcements.excluded(estimate)
+            self.announcements.excluded(int(estimate["faulty"][0]), estimate)
             if self.checker.asks_restart(now_us, supported=self.health.has_altitude):
-                self._restart_estimator()
-        health = self.health.health
-        if used:
-            altitude = self.outputs.altitude(now_us, health, estimate)
-            if altitude is not None:
-                self.announcements.source(self.outputs.source)
-                messages.append(altitude)
-                if self._observer is not None:
-                    self._observer.published(altitude)
+                self.restart_estimator()
+        return self.publish(self.altitude() if used else None, changed=changed)
+
+    def altitude(self) -> Message | None:
+        """ALTITUDE, when one is due and may be sent."""
+        return self.outputs.altitude(self.now_us, self.health.health, self.filter.estimate)
+
+    def publish(self, altitude: Message | None, *, changed: bool) -> list[bytes]:
+        """The frames of an ALTITUDE and of what else is due; `changed` is whether health did."""
+        messages: list[Message] = []
+        if altitude is not None:
+            self.announcements.source(self.outputs.source)
+            messages.append(altitude)
+            if self._observer is not None:
+                self._observer.published(altitude)
         if not self.sends:
             return []
         if changed:
             self.announcements.health(self.health)
-        messages += self.outputs.debug(now_us, health, estimate, self.filter.state)
-        if (vehicle := self.identity.vehicle) is not None:
-            situation = Situation(health, estimate, vehicle, self.identity.autopilot)
+        now_us, health, estimate = self.now_us, self.health, self.filter.estimate
+        if self.outputs.is_debug_due(now_us):
+            messages += self.outputs.debug(now_us, health.health, estimate, self.filter.state)
+        if self.feedback.knob is not None and (vehicle := self.identity.vehicle) is not None:
+            situation = Situation(health.health, estimate, vehicle, self.identity.autopilot)
             messages += self.feedback.step(now_us, situation)
         return self._encode(messages) if messages else []
 
-    def _restart_estimator(self) -> None:
+    def restart_estimator(self) -> None:
         """Start the estimator anew. Observers see its samples only, as another would get them."""
         self.filter.step(Kind.STATUS, restart_row(self.now_us, self.now_us))
         self.air.restart()

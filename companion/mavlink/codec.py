@@ -83,6 +83,11 @@ class Decoder:
         self._suspect_size = 0
         self._suspect_left = 0
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is kept of what was fed."""
+        return not self._rest and self._suspect is None
+
     def feed(self, data: bytes) -> list[Frame]:
         """The frames that are complete now. At most `MAX_FRAME_SIZE` bytes are kept for the next
         call."""

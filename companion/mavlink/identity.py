@@ -179,6 +179,10 @@ class Identity:
             self.strangers[speaker] += 1
             self._strangers_us[speaker] = arrival_us
 
+    def is_usual(self, source: Hashable) -> bool:
+        """Whether unsigned frames with the vehicle's ids from `source` are the vehicle's."""
+        return source == self._source and self._signed_us is None
+
     def took(self, count: int, version: int, arrival_us: int, *, told_again: bool) -> None:
         """Count frames of the vehicle, unsigned and from where it was heard before; `told_again` is
         whether a HEARTBEAT among them says again what the vehicle is."""

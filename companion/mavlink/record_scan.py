@@ -106,7 +106,7 @@ def _read_frame(
         return -1
     if not is_v2 and not v1_lengths[message_id, 0] <= length <= v1_lengths[message_id, 1]:
         return -1
-    crc = _checksum(data, at + 1, body, extras[message_id], crc_table)
+    crc = checksum(data, at + 1, body, extras[message_id], crc_table)
     if crc != int(data[body]) | int(data[body + 1]) << 8:
         return -1
     first = at + (4 if is_v2 else 2)
@@ -122,7 +122,7 @@ def _read_frame(
 
 
 @step
-def _checksum(data: Rows, first: int, stop: int, extra: int, crc_table: Rows) -> int:
+def checksum(data: Rows, first: int, stop: int, extra: int, crc_table: Rows) -> int:
     """CRC-16/MCRF4XX of ``data[first:stop]`` and CRC_EXTRA."""
     crc = 0xFFFF
     for i in range(first, stop):

@@ -1,0 +1,183 @@
+"""The live path of plain messages: from bytes to ALTITUDE in three compiled calls.
+
+Nearly all of a vehicle's messages are of a few kinds at a high rate (`companion.mavlink.plain`).
+For one of them that is whole, undamaged and in time, the pipeline's steps are taken in one call
+before the estimator's step and one after it (`companion.live_steps`), on the pipeline's own state.
+All others are left to the pipeline, which gives the same for these bit for bit
+(tests/scenarios/test_replay_equals_live.py).
+"""
+
+from collections.abc import Hashable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from companion.intake import SampleReject
+from companion.jit import Parts
+from companion.live_steps import (
+    ASSESSED,
+    CHANGED,
+    DUE,
+    LEFT_OUT,
+    LONGEST,
+    OF_FAULTY,
+    OF_KIND,
+    OF_PRIMARY,
+    PARTS,
+    REPLACED,
+    RESTARTS,
+    SAMPLE,
+    SILENT,
+    TELLS,
+    U1,
+    UNUSED,
+    follow,
+    take,
+)
+from companion.mavlink.columns import tables
+from companion.mavlink.convert import THERMOMETERS
+from companion.mavlink.framing import Frame
+from companion.mavlink.plain import plans
+from companion.mavlink.plain_steps import MOST_FIELDS
+from companion.samples import Kind, Verdict
+
+if TYPE_CHECKING:
+    from companion.pipeline import Pipeline
+
+NO_VERDICT = -1
+KINDS, VERDICTS = tuple(Kind), tuple(Verdict)
+# Looked up in its class, a member of an enum costs ten times as much (Python 3.11).
+_PRESSURE, _IMU, _USED, _IGNORED = Kind.PRESSURE, Kind.IMU, Verdict.USED, Verdict.IGNORED
+
+
+class LivePath:
+    """Takes plain messages for a pipeline, whose parts stay as they are meanwhile (`fits`)."""
+
+    def __init__(self, pipeline: "Pipeline") -> None:
+        self.pipeline = pipeline
+        self._owners = _owners(pipeline)
+        self._autopilot = pipeline.identity.autopilot
+        self._scale = pipeline.readings.imu.scale(self._autopilot)
+        vehicle = pipeline.identity.vehicle
+        self._vehicle, (self._system_id, self._component_id) = vehicle, vehicle or (0, 0)
+        intake, outputs, health = pipeline.intake, pipeline.outputs, pipeline.health
+        data, bits = np.zeros(LONGEST, U1), np.zeros(1, np.uint32)
+        self._data = memoryview(data)  # type: ignore[arg-type]
+        imu, pressure, attitude = (intake.newest(k) for k in (_IMU, _PRESSURE, Kind.ATTITUDE))
+        samples = [np.asarray(row) for row in (imu, pressure, attitude)]
+        parts = [
+            data,
+            *plans(self._scale, self._without(pipeline)),
+            tables()[0],
+            *(bits, bits.view(np.float32), np.zeros(MOST_FIELDS)),
+            *(intake.clock.state, intake.clock.params),
+            pipeline.readings.imu.state,
+            intake.primaries[_PRESSURE].state,
+            *(intake.datum.state, intake.datum.params),
+            intake.receivers[0].state,
+            *(pipeline.checker.sensors.state, pipeline.checker.state),
+            *(health.state, health.params),
+            *(outputs.state, outputs.params, outputs.monotonic.state, outputs.leap.state),
+            outputs.heights,
+            pipeline.filter.estimate,
+            *(pressure, attitude),
+            *(row.view(np.float64) for row in samples),
+            *(row.view(np.int64) for row in samples),
+        ]
+        assert len(parts) == PARTS
+        self._parts = Parts(parts)
+        self._argument = self._parts.argument
+
+    @staticmethod
+    def _without(pipeline: "Pipeline") -> set[int]:
+        """Ids of plain messages that do more here than their sample."""
+        listened = set(pipeline.listeners)
+        return listened | set(THERMOMETERS[pipeline.settings.intake.air_temperature])
+
+    @staticmethod
+    def suits(pipeline: "Pipeline") -> bool:
+        """Whether a pipeline's plain messages may be taken here."""
+        return (
+            pipeline.in_blocks
+            and pipeline.estimates
+            and pipeline.signing is None
+            and pipeline.identity.vehicle is not None
+        )
+
+    def fits(self) -> bool:
+        """Whether the pipeline still has the parts and the vehicle that this was made with."""
+        identity = self.pipeline.identity
+        return (
+            identity.vehicle == self._vehicle
+            and identity.autopilot == self._autopilot
+            and _owners(self.pipeline) == self._owners
+        )
+
+    def take(self, data: bytes, host_us: int, source: Hashable) -> list[bytes] | None:
+        """The frames to send because of `data`; None when the pipeline has to take it."""
+        pipeline, size = self.pipeline, len(data)
+        if size > LONGEST or not pipeline.identity.is_usual(source):
+            return None
+        self._data[:size] = data
+        wants_imu, argument = pipeline.wants_imu, self._argument
+        code = take(argument, size, self._system_id, self._component_id, host_us, wants_imu)
+        if code < 0:
+            return None
+        message_id, became = data[7], code & 3
+        pipeline.identity.took(1, 2, host_us, told_again=False)
+        heard = pipeline.heard
+        heard[message_id] = heard.get(message_id, 0) + 1
+        pipeline.frames.append(Frame(data, message_id, data[5], data[6], data[4], 2, False))
+        kind = KINDS[code >> OF_KIND]
+        if code & (TELLS | OF_PRIMARY):
+            pipeline.intake.tell(kind if code & OF_PRIMARY else None)
+        if became == SAMPLE:
+            return self._sample(kind, host_us)
+        if became == LEFT_OUT:
+            pipeline.intake.counters[SampleReject.CLOCK] += 1
+            return pipeline.age(host_us)
+        if became == REPLACED:
+            pipeline.intake.counters[SampleReject.REPLACED] += 1
+        elif became == UNUSED:
+            pipeline.verdicts[_IMU][_IGNORED] += 1
+        return self._react(kind, NO_VERDICT, host_us)
+
+    def _sample(self, kind: Kind, host_us: int) -> list[bytes]:
+        """Give the sample in the row of its kind to the estimator and to all who follow it."""
+        pipeline, row = self.pipeline, self.pipeline.intake.newest(kind)
+        sent = pipeline.tell_air(kind, row) if kind is _PRESSURE else []
+        pipeline.identity.measured(kind)
+        verdict = pipeline.filter.step(kind, row)
+        pipeline.count(kind, row, verdict)
+        return sent + self._react(kind, int(verdict), host_us)
+
+    def _react(self, kind: Kind, verdict: int, host_us: int) -> list[bytes]:
+        """What is due now that the vehicle's clock has moved."""
+        pipeline, altitude = self.pipeline, None
+        found = follow(self._argument, int(kind), verdict, host_us)
+        if found & ASSESSED:
+            pipeline.announcements.excluded(found >> OF_FAULTY, pipeline.estimate)
+        if found & RESTARTS:
+            pipeline.restart_estimator()
+            altitude = pipeline.altitude() if verdict == _USED else None
+        elif found & DUE:
+            altitude = pipeline.outputs.message()
+        sent = pipeline.publish(altitude, changed=bool(found & CHANGED))
+        return sent + (pipeline.age(host_us) if found & SILENT else pipeline.texts(host_us))
+
+
+def _owners(pipeline: "Pipeline") -> tuple[object, ...]:
+    """What owns the arrays: where one is another object, so are its arrays."""
+    intake = pipeline.intake
+    return (
+        intake,
+        intake.receivers[0],
+        pipeline.readings,
+        pipeline.checker,
+        pipeline.checker.sensors,
+        pipeline.health,
+        pipeline.outputs,
+        pipeline.filter,
+        pipeline.readings.imu.scale(pipeline.identity.autopilot),
+        len(pipeline.listeners),
+    )

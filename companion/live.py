@@ -7,8 +7,9 @@ All others are left to the pipeline, which gives the same for these bit for bit
 (tests/scenarios/test_replay_equals_live.py).
 """
 
+import copy
 from collections.abc import Hashable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -51,6 +52,45 @@ _PRESSURE, _IMU, _USED, _IGNORED = Kind.PRESSURE, Kind.IMU, Verdict.USED, Verdic
 
 
 class LivePath:
+    """Takes a pipeline's bytes: plain messages in compiled steps, all others as the pipeline
+    does."""
+
+    def __init__(self, pipeline: "Pipeline") -> None:
+        self._pipeline = pipeline
+        self._plain: _PlainPath | None = None
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "LivePath":
+        """That of a copy of the pipeline has its own arrays."""
+        return LivePath(copy.deepcopy(self._pipeline, memo))
+
+    def feed(self, data: bytes, host_us: int, source: Hashable) -> list[bytes]:
+        """The frames to send because of `data`."""
+        pipeline, decoder = self._pipeline, self._pipeline.decoder
+        taken = self._take(data, host_us, source) if decoder.is_empty else None
+        if taken is not None:
+            decoder.frames += 1
+            return taken
+        sent: list[bytes] = []
+        for frame in decoder.feed(data):
+            taken = self._take(frame.data, host_us, source)
+            sent += pipeline.take([frame], host_us, source) if taken is None else taken
+        return sent
+
+    def _take(self, data: bytes, host_us: int, source: Hashable) -> list[bytes] | None:
+        """Take one frame in compiled steps; None where that cannot be."""
+        plain, pipeline = self._plain, self._pipeline
+        if plain is None or not plain.fits():
+            suits = (
+                pipeline.in_blocks
+                and pipeline.estimates
+                and pipeline.signing is None
+                and pipeline.identity.vehicle is not None
+            )
+            plain = self._plain = _PlainPath(pipeline) if suits else None
+        return plain.take(data, host_us, source) if plain is not None else None
+
+
+class _PlainPath:
     """Takes plain messages for a pipeline, whose parts stay as they are meanwhile (`fits`)."""
 
     def __init__(self, pipeline: "Pipeline") -> None:
@@ -65,7 +105,7 @@ class LivePath:
         self._data = memoryview(data)  # type: ignore[arg-type]
         imu, pressure, attitude = (intake.newest(k) for k in (_IMU, _PRESSURE, Kind.ATTITUDE))
         samples = [np.asarray(row) for row in (imu, pressure, attitude)]
-        parts = [
+        parts: list[Any] = [
             data,
             *plans(self._scale, self._without(pipeline)),
             tables()[0],
@@ -93,16 +133,6 @@ class LivePath:
         """Ids of plain messages that do more here than their sample."""
         listened = set(pipeline.listeners)
         return listened | set(THERMOMETERS[pipeline.settings.intake.air_temperature])
-
-    @staticmethod
-    def suits(pipeline: "Pipeline") -> bool:
-        """Whether a pipeline's plain messages may be taken here."""
-        return (
-            pipeline.in_blocks
-            and pipeline.estimates
-            and pipeline.signing is None
-            and pipeline.identity.vehicle is not None
-        )
 
     def fits(self) -> bool:
         """Whether the pipeline still has the parts and the vehicle that this was made with."""
@@ -159,7 +189,9 @@ class LivePath:
             pipeline.announcements.excluded(found >> OF_FAULTY, pipeline.estimate)
         if found & RESTARTS:
             pipeline.restart_estimator()
-            altitude = pipeline.altitude() if verdict == _USED else None
+            now_us, health = pipeline.now_us, pipeline.health.health
+            if verdict == _USED:
+                altitude = pipeline.outputs.altitude(now_us, health, pipeline.estimate)
         elif found & DUE:
             altitude = pipeline.outputs.message()
         sent = pipeline.publish(altitude, changed=bool(found & CHANGED))

@@ -87,12 +87,12 @@ def take(
     effect, time_us = place(clock, clock_params, base, stamp_us, message_id, host_us)
     code = kind << OF_KIND | (TELLS if clock[0].wrong_units != wrong else 0)
     if effect == DOUBT:
-        return code | LEFT_OUT
+        return int(code | LEFT_OUT)
     if kind == IMU and not wants_imu:
-        return code | UNUSED
+        return int(code | UNUSED)
     if _is_replaced(plan, values, viewed(parts, AT_CHOICE, CHOICE, 1), clock[0].now_us):
-        return code | REPLACED
-    return code | _fill(parts, plan, values, time_us, host_us)
+        return int(code | REPLACED)
+    return int(code | _fill(parts, plan, values, time_us, host_us))
 
 
 @step
@@ -157,7 +157,7 @@ def follow(parts: Rows, kind: int, verdict: int, host_us: int) -> int:
             found |= DUE
     if silence(health, health_params, host_us):
         found |= SILENT
-    return found | estimate[0].faulty << OF_FAULTY
+    return int(found | estimate[0].faulty << OF_FAULTY)
 
 
 @step

@@ -7,7 +7,6 @@ give the same estimates and the same output messages, bit for bit.
 import copy
 import logging
 from collections.abc import Callable, Hashable, Mapping
-from typing import Any
 
 from companion.announcements import Announcements
 from companion.checker import Checker
@@ -63,6 +62,11 @@ class Pipeline:
     estimates = True  # whether samples reach the estimator
     in_blocks = True  # whether a replay may use loops, which call no overridden method
 
+    def __init_subclass__(cls) -> None:
+        methods = {name for name in vars(Pipeline) if not name.startswith("__")}
+        own = {name for name in methods if getattr(cls, name) is not getattr(Pipeline, name)}
+        cls.in_blocks = own <= {"estimates", "in_blocks"}
+
     def __init__(
         self,
         settings: CompanionSettings,
@@ -81,7 +85,6 @@ class Pipeline:
         other_id = settings.air.reference_system_id
         self.identity = identity_of(settings.vehicle, settings.identity, other_id)
         self.announcements = Announcements(enabled=settings.publish.statustext)
-        self._problems: list[str] = []
         self._begin()
         self.feedback = feedback or Feedback(settings.feedback)
         self.verdicts = [[0] * len(Verdict) for _ in Kind]
@@ -93,10 +96,8 @@ class Pipeline:
         self.listeners = dict(listeners or {})
         self._sender = Sender(signing)
         self.commands, self._host_us = Commands(intervals(settings.publish)), 0
-        self._live: LivePath | None = None
-        self.parameters = Parameters(
-            settings, AirSettings, lambda key: getattr(self.air, key), self._set_air
-        )
+        self._live = LivePath(self)
+        self.parameters = Parameters(settings, AirSettings, lambda: self.air)
         self._requests = Requests(self.parameters, self.commands)
         self._wanted = self.readings.message_ids | {SYSTEM_TIME, ALTITUDE, GLOBAL_POSITION_INT}
         self._wanted |= self.listeners.keys() | convert.TRUTHS.keys()
@@ -104,7 +105,8 @@ class Pipeline:
             self._wanted.add(PARAM_VALUE)
         self.observe(observer)
         self._conflict: Callable[[Frame], None] | None = None
-        self._rate_request: Callable[[Frame], None] | None = None
+        self.on_rate_request: Callable[[Frame], None] | None = None
+        """called for every request of another program for the vehicle's message rates"""
 
     def _begin(self) -> None:
         """Forget what was measured: another vehicle is followed from here on."""
@@ -155,8 +157,7 @@ class Pipeline:
         The two share the decoder, which keeps nothing between datagrams but its counters.
         """
         shared = (self.decoder, self._observer, self._sender)
-        memo: dict[int, Any] = {id(self._live): None} | {id(each): each for each in shared}
-        other = copy.deepcopy(self, memo)
+        other = copy.deepcopy(self, {id(each): each for each in shared})
         other.sends = False
         other.observe(observer)
         return other
@@ -165,40 +166,19 @@ class Pipeline:
         """Call back for every frame that carries our own ids."""
         self._conflict = callback
 
-    def on_rate_request(self, callback: Callable[[Frame], None]) -> None:
-        """Call back for every request of another program for the vehicle's message rates."""
-        self._rate_request = callback
-
     def feed(self, packet: Packet, source: Hashable = None) -> list[bytes]:
         """Take in a packet; the frames to send because of it.
 
         `source` is the network address that it came from, on a link that has several.
         """
-        data, arrival_us = packet.data, packet.time_us
-        self.frames, self._host_us = [], arrival_us
-        if self.decoder.is_empty:
-            sent = self._take_live(data, arrival_us, source)
-            if sent is not None:
-                self.decoder.frames += 1
-                return sent
-        sent = []
-        for frame in self.decoder.feed(data):
-            taken = self._take_live(frame.data, arrival_us, source)
-            sent += self._take(frame, arrival_us, source) if taken is None else taken
-        return sent
-
-    def _take_live(self, data: bytes, arrival_us: int, source: Hashable) -> list[bytes] | None:
-        """Take one frame in compiled steps; None where that cannot be."""
-        live = self._live
-        if live is None or not live.fits():
-            live = self._live = LivePath(self) if LivePath.suits(self) else None
-        return live.take(data, arrival_us, source) if live is not None else None
+        self.frames, self._host_us = [], packet.time_us
+        return self._live.feed(packet.data, packet.time_us, source)
 
     def feed_item(self, item: Item, arrival_us: int) -> list[bytes]:
         """Take in what a log's reader has found; the frames to send because of it."""
         self.frames, self._host_us = [], arrival_us
         if isinstance(item, Frame):
-            return self._take(item, arrival_us, None)
+            return self.take([item], arrival_us, None)
         if isinstance(item, Sensed):
             return self._reading(item.reading, item.source, arrival_us)
         if isinstance(item, Height):
@@ -212,8 +192,7 @@ class Pipeline:
     def flush(self, arrival_us: int) -> list[bytes]:
         """The line fell silent: give up on a half-received frame."""
         self.frames, self._host_us = [], arrival_us
-        frames = self.decoder.flush()
-        return [each for frame in frames for each in self._take(frame, arrival_us, None)]
+        return self.take(self.decoder.flush(), arrival_us, None)
 
     def age(self, host_us: int) -> list[bytes]:
         """Time passed on the host's clock: lose a height that is old, send texts that are due."""
@@ -221,8 +200,10 @@ class Pipeline:
         if self.health.age(host_us, lambda: ", ".join(identity.others(host_us - OTHERS_US))):
             self.announcements.health(self.health)
             ids = "{}/{}".format(*(identity.vehicle or (0, 0)))
-            since = f"lost at {max(0, self.now_us) * 1e-6:.1f} s of its clock"
-            identity.tell(f"vehicle {ids} {since}: {self.health.reason}")
+            lost_s = max(0, self.now_us) * 1e-6
+            identity.tell(
+                f"vehicle {ids} lost at {lost_s:.1f} s of its clock: {self.health.reason}"
+            )
         return self.texts(host_us)
 
     def texts(self, host_us: int) -> list[bytes]:
@@ -234,33 +215,21 @@ class Pipeline:
         """Our own heartbeat."""
         return self._encode([heartbeat(self.health.health)])
 
-    def tell_problems(self, problems: list[str]) -> None:
-        """STATUSTEXT about streams that are slow, missing or refused, when that changes."""
-        if problems != self._problems:
-            self.announcements.streams(problems, self._problems)
-            self._problems = problems
-
-    def yield_ids(self, may_move: bool) -> None:
-        """Another program uses our ids: take the next free ones, or say so and keep them."""
-        self.announcements.ids(self.identity.yield_ids(may_move))
-
     def farewell(self, host_us: int) -> list[bytes]:
         """The last messages: ALTITUDE with the vehicle's own height, and a text that says so."""
-        own_height = self.outputs.last_height(self.now_us)
-        if own_height is None:
-            return []
-        return self._encode([own_height, *self.announcements.farewell()])
+        own = self.outputs.last_height(self.now_us)
+        return self._encode([own, *self.announcements.farewell()]) if own is not None else []
 
     def encode(self, message: Message) -> list[bytes]:
         """A message of the service's own, such as a request to the vehicle."""
         return self._encode([message])
 
-    def _set_air(self, key: str, value: float) -> None:
-        change: dict[str, Any] = {key: value}
-        self.air.set(**change)
-
-    def _take(self, frame: Frame, arrival_us: int, source: Hashable) -> list[bytes]:
-        return self._frame(frame, arrival_us, source) + self.age(arrival_us)
+    def take(self, frames: list[Frame], arrival_us: int, source: Hashable) -> list[bytes]:
+        """Take frames one after the other, in the steps that all messages have."""
+        sent: list[bytes] = []
+        for frame in frames:
+            sent += self._frame(frame, arrival_us, source) + self.age(arrival_us)
+        return sent
 
     def _frame(self, frame: Frame, arrival_us: int, source: Hashable) -> list[bytes]:
         identity, message_id = self.identity, frame.message_id
@@ -283,8 +252,8 @@ class Pipeline:
                 self._conflict(frame)
         elif message_id in REQUESTS:
             return self._request(frame, arrival_us)
-        elif message_id == DATA_STREAM and self._rate_request is not None:
-            self._rate_request(frame)
+        elif message_id == DATA_STREAM and self.on_rate_request is not None:
+            self.on_rate_request(frame)
         if origin is not VEHICLE:
             if frame.system_id == self.settings.air.reference_system_id:
                 self.hear_reference(frame)
@@ -301,8 +270,8 @@ class Pipeline:
         message = self.decoder.decode(frame)
         if message is None:
             return []
-        if asks_rate(message, frame.message_id) and self._rate_request is not None:
-            self._rate_request(frame)
+        if asks_rate(message, frame.message_id) and self.on_rate_request is not None:
+            self.on_rate_request(frame)
         asker = (frame.system_id, frame.component_id)
         answers = self._requests.answer(message, asker, self.identity.own, arrival_us)
         return self._encode(answers) if answers else []
@@ -363,11 +332,13 @@ class Pipeline:
         """Give a sample to the estimator and its verdict to all who follow it."""
         now_us, sent = self.now_us, self.tell_air(kind, row)
         self.identity.measured(kind)
-        self.checker.sample(kind, row)
-        verdict = self.filter.step(kind, row)
-        if instance == 0 or verdict is Verdict.USED:
-            self.health.sample(kind, verdict, now_us, int(row["arrival_us"][0]))
-        self.outputs.sample(kind, row, verdict, self.filter.estimate)
+        verdict = Verdict.IGNORED
+        if self.estimates:
+            self.checker.sample(kind, row)
+            verdict = self.filter.step(kind, row)
+            if instance == 0 or verdict is Verdict.USED:
+                self.health.sample(kind, verdict, now_us, int(row["arrival_us"][0]))
+            self.outputs.sample(kind, row, verdict, self.filter.estimate)
         self.count(kind, row, verdict)
         return sent + self._react(now_us, used=verdict is Verdict.USED)
 
@@ -384,6 +355,8 @@ class Pipeline:
 
     def _react(self, now_us: int, *, used: bool) -> list[bytes]:
         """What is due now that the vehicle's clock is at `now_us`: health, ALTITUDE, DEBUG."""
+        if not self.estimates:
+            return []
         estimate, changed = self.filter.estimate, False
         if used or self.health.is_due(now_us):
             objection = self.intake.objection or self.checker.judge(now_us, estimate)
@@ -391,11 +364,8 @@ class Pipeline:
             self.announcements.excluded(int(estimate["faulty"][0]), estimate)
             if self.checker.asks_restart(now_us, supported=self.health.has_altitude):
                 self.restart_estimator()
-        return self.publish(self.altitude() if used else None, changed=changed)
-
-    def altitude(self) -> Message | None:
-        """ALTITUDE, when one is due and may be sent."""
-        return self.outputs.altitude(self.now_us, self.health.health, self.filter.estimate)
+        due = self.outputs.altitude(now_us, self.health.health, estimate) if used else None
+        return self.publish(due, changed=changed)
 
     def publish(self, altitude: Message | None, *, changed: bool) -> list[bytes]:
         """The frames of an ALTITUDE and of what else is due; `changed` is whether health did."""

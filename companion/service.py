@@ -120,7 +120,7 @@ class Service:
         self._checkpoint = checkpoint
         is_first = checkpoint is not None and earlier is None
         self._resumption = checkpoint.restore(self.pipeline) if checkpoint and is_first else None
-        self.pipeline.on_rate_request(self._rate_requested)
+        self.pipeline.on_rate_request = self._rate_requested
         self._streaming = Streaming(self.pipeline, settings, link.bytes_per_s)
         self._recorder = recorder
         self._recent: deque[bytes] = deque(maxlen=256)
@@ -270,7 +270,7 @@ class Service:
             self._send(self.pipeline.encode(message), now_us)
         if self._reference is not None:
             self._reference.poll(now_us, self._hear_reference)
-        self.pipeline.tell_problems(self.problems)
+        self.pipeline.announcements.streams(self.problems)
         if not self._noticed and now_us - self._start_us > NOTICE_US:
             self._noticed = True
             missing = notice(self.pipeline, self.link)
@@ -371,7 +371,8 @@ class Service:
         self._foreign_heartbeats += 1
         if self._foreign_heartbeats == FOREIGN_HEARTBEATS:
             self._foreign_heartbeats = 0
-            self.pipeline.yield_ids(self.settings.identity.on_conflict == "next")
+            may_move = self.settings.identity.on_conflict == "next"
+            self.pipeline.announcements.ids(self.pipeline.identity.yield_ids(may_move))
 
     def summary(self) -> str:
         """One line for the end of a run."""

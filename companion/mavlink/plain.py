@@ -1,103 +1,135 @@
-"""Plain messages: those that arrive at a high rate, whose values are fields times a scale.
+"""Plain messages: those at a high rate, whose values are fields times a scale.
 
-`PLAIN` says how each becomes a sample, as `companion.mavlink.convert` does (a test holds the two
-equal); where the fields are in the payload comes from pymavlink's dialect. The compiled steps that
-read them are in `companion.mavlink.plain_steps`.
+How each becomes a sample is traced from its converter (`companion.mavlink.convert`), called once
+with symbols in place of numbers; where the fields are in the payload comes from pymavlink's
+dialect. The compiled steps that follow such a plan are in `companion.mavlink.plain_steps`.
 """
 
+from collections.abc import Collection
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.intake.clock_steps import BOOT, EITHER
-from companion.kernels.atmosphere import G0_MPS2
+from companion.intake.vehicle_clock import BASES
 from companion.mavlink.codec import mavlink
 from companion.mavlink.columns import wire_dtype
-from companion.mavlink.convert import ZERO_CELSIUS_K
+from companion.mavlink.convert import CONVERTERS, Converter, Reading, raw_imu
 from companion.mavlink.framing import CRC_EXTRA
 from companion.mavlink.imu import ImuSelector
 from companion.mavlink.plain_steps import FLOAT, IDS, PLAN, SIGNED, UNSIGNED
-from companion.samples import Kind, Record, Rows, rows
+from companion.samples import Record, Rows, rows
 
+RAW_IMU = mavlink.MAVLINK_MSG_ID_RAW_IMU
+PLAIN: tuple[int, ...] = (
+    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE,
+    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2,
+    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE3,
+    mavlink.MAVLINK_MSG_ID_SCALED_IMU,
+    mavlink.MAVLINK_MSG_ID_SCALED_IMU2,
+    mavlink.MAVLINK_MSG_ID_SCALED_IMU3,
+    mavlink.MAVLINK_MSG_ID_ATTITUDE,
+    RAW_IMU,
+)
 FORMS = {"u": UNSIGNED, "i": SIGNED, "f": FLOAT}
-UNITS = {"time_boot_ms": (BOOT, 1000), "time_usec": (EITHER, 1)}
-"""what a stamp counts from, and its unit in microseconds"""
 
 
-class Plain(NamedTuple):
-    """How a message becomes a sample."""
+class _Term(NamedTuple):
+    """A field times a scale plus an offset; as a condition, that the field is neither 0 nor
+    infinite."""
 
-    kind: Kind
-    stamp: str
-    instance: int
-    values: tuple[tuple[str, float, float], ...]
-    """field, scale and offset of each value of the sample, in its order"""
-    zero: str = ""
-    """a field that is 0 or not finite where the message holds one sample alone"""
+    field: str
+    scale: float = 1.0
+    offset: float = 0.0
 
+    def __mul__(self, scale: float) -> "_Term":  # type: ignore[override]
+        if self.scale != 1.0 or self.offset:
+            raise TypeError(f"{self} is scaled twice")
+        return self._replace(scale=scale)
 
-def _pressure(instance: int) -> Plain:
-    values = (("press_abs", 100.0, 0.0), ("temperature", 0.01, ZERO_CELSIUS_K))
-    return Plain(Kind.PRESSURE, "time_boot_ms", instance, values, "" if instance else "press_diff")
+    def __add__(self, offset: float) -> "_Term":  # type: ignore[override]
+        return self._replace(offset=offset)
 
+    def __ne__(self, _: object) -> Any:
+        return self
 
-def _imu(stamp: str, instance: int, force_scale: float) -> Plain:
-    forces = tuple((name, force_scale, 0.0) for name in ("xacc", "yacc", "zacc"))
-    rates = tuple((name, 1e-3, 0.0) for name in ("xgyro", "ygyro", "zgyro"))
-    return Plain(Kind.IMU, stamp, instance, forces + rates)
+    def __lt__(self, _: object) -> Any:
+        return self
 
+    def __and__(self, _: object) -> "_Term":
+        return self
 
-ANGLES = ("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed")
-PLAIN: dict[int, Plain] = {
-    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: _pressure(0),
-    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE2: _pressure(1),
-    mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE3: _pressure(2),
-    mavlink.MAVLINK_MSG_ID_SCALED_IMU: _imu("time_boot_ms", 0, 1e-3 * G0_MPS2),
-    mavlink.MAVLINK_MSG_ID_SCALED_IMU2: _imu("time_boot_ms", 1, 1e-3 * G0_MPS2),
-    mavlink.MAVLINK_MSG_ID_SCALED_IMU3: _imu("time_boot_ms", 2, 1e-3 * G0_MPS2),
-    mavlink.MAVLINK_MSG_ID_RAW_IMU: _imu("time_usec", 0, 1.0),
-    mavlink.MAVLINK_MSG_ID_ATTITUDE: Plain(
-        Kind.ATTITUDE, "time_boot_ms", 0, tuple((name, 1.0, 0.0) for name in ANGLES)
-    ),
-}
-"""The scale of RAW_IMU is the autopilot's choice (`companion.mavlink.imu`)."""
+    def __abs__(self) -> "_Term":
+        return self
 
 
-def plans(raw_imu_scale: float | None, without: set[int]) -> tuple[NDArray[np.int64], Rows]:
+class _Symbols:
+    """The fields of a message as terms."""
+
+    def __getattr__(self, name: str) -> _Term:
+        return _Term(name)
+
+
+class _Tracing:
+    """The arithmetic of terms (`convert.Numbers`): all that is left out is that what is not finite
+    is NaN, and a second sample."""
+
+    @staticmethod
+    def finite(value: _Term) -> _Term:
+        return value
+
+    @staticmethod
+    def each(_: Any, value: _Term, *, where: Any) -> _Term:
+        return value
+
+    @staticmethod
+    def given(condition: _Term, _: Reading) -> tuple[_Term, ...]:
+        return (condition,)
+
+
+def plans(
+    raw_imu_scale: float | None, without: Collection[int] = ()
+) -> tuple[NDArray[np.int64], Rows]:
     """The place of each message's plan by its id, -1 for none, and the plans, `PLAN` rows.
 
     `raw_imu_scale` is that of the forces in RAW_IMU, None while it is not known; `without` are the
     ids of messages that have to be taken in another way.
     """
     places, found = np.full(IDS, -1, np.int64), rows(PLAN, len(PLAIN))
-    for place, (message_id, plain) in enumerate(PLAIN.items()):
-        _fill(found[place], message_id, plain)
-        if message_id not in without:
-            places[message_id] = place
-        if message_id != mavlink.MAVLINK_MSG_ID_RAW_IMU:
+    for place, message_id in enumerate(PLAIN):
+        if message_id in without or (message_id == RAW_IMU and raw_imu_scale is None):
             continue
-        found[place]["scales"][:3] = raw_imu_scale or 0.0
-        if raw_imu_scale is None:
-            places[message_id] = -1
+        scale = raw_imu_scale or 0.0
+        converter = CONVERTERS.get(message_id, lambda m, _, scale=scale: raw_imu(m, scale))
+        _fill(found[place], message_id, converter)
+        places[message_id] = place
     return places, found
 
 
-def _fill(plan: Record, message_id: int, plain: Plain) -> None:
-    fields: Any = wire_dtype(message_id)
+def _fill(plan: Record, message_id: int, converter: Converter) -> None:
+    found: Any = converter(_Symbols(), _Tracing)
+    reading, second, wire = found[0], found[1:], wire_dtype(message_id)
     plan["message_id"], plan["crc_extra"] = message_id, CRC_EXTRA[message_id]
-    plan["kind"], plan["instance"] = plain.kind, plain.instance
-    plan["rank"] = ImuSelector.rank(message_id, plain.instance)
-    plan["base"], plan["stamp_us"] = UNITS[plain.stamp]
-    plan["stamp"] = _field(fields, plain.stamp)
-    plan["zero"] = _field(fields, plain.zero) if plain.zero else (0, 0, 0)
-    plan["count"] = len(plain.values)
-    for k, (name, scale, offset) in enumerate(plain.values):
-        plan["fields"][k] = _field(fields, name)
-        plan["scales"][k], plan["offsets"][k] = scale, offset
+    plan["kind"], plan["instance"] = reading.kind, reading.instance
+    plan["rank"] = ImuSelector.rank(message_id, reading.instance)
+    plan["base"], plan["stamp_us"] = BASES[reading.base], reading.stamp_us.scale
+    plan["stamp"] = _field(wire, reading.stamp_us)
+    plan["zero"] = _field(wire, second[0]) if second else (0, 0, 0)
+    terms = _terms(reading.values)
+    plan["count"] = len(terms)
+    for k, term in enumerate(terms):
+        plan["fields"][k] = _field(wire, term)
+        plan["scales"][k], plan["offsets"][k] = term.scale, term.offset
 
 
-def _field(wire: np.dtype[Any], name: str) -> tuple[int, int, int]:
+def _terms(values: Any) -> list[_Term]:
+    """The terms among values and vectors, in their order."""
+    if isinstance(values, _Term):
+        return [values]
+    return [term for each in values for term in _terms(each)] if isinstance(values, tuple) else []
+
+
+def _field(wire: Any, term: _Term) -> tuple[int, int, int]:
     """A `plain_steps.FIELD` row."""
-    dtype, at = (wire.fields or {})[name][:2]
+    dtype, at = wire.fields[term.field][:2]
     return at, dtype.itemsize, FORMS[dtype.kind]

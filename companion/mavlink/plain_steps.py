@@ -1,5 +1,5 @@
-"""The compiled reading of a plain message (`companion.mavlink.plain`): a frame's bytes -> the values
-of a sample."""
+"""The compiled reading of a plain message (`companion.mavlink.plain`): the bytes of a frame -> the
+values of a sample."""
 
 import math
 
@@ -72,7 +72,7 @@ def stamp_of(data: Rows, plan: Rows) -> int:
     stamp = _integer(data, plan[0].stamp)
     if not 0 <= stamp < LARGEST_STAMP_US:
         return LARGEST_STAMP_US
-    return min(stamp * plan[0].stamp_us, LARGEST_STAMP_US)
+    return int(min(stamp * plan[0].stamp_us, LARGEST_STAMP_US))
 
 
 @step

@@ -51,7 +51,7 @@ def bank_start(bank: Record, p: Record) -> None:
         P[LIFT, LIFT] = p.lift_sd_m * p.lift_sd_m
         P[LAG, LAG] = p.lag_sd_s * p.lag_sd_s
     bank.outage, bank.blind, bank.slope_mps = 1, 1, 0.0
-    bank.evidence, bank.heard = 0.0, 0.0
+    bank.evidence, bank.heard, bank.protection_m = 0.0, 0.0, 0.0
     bank.fast_m2 = p.fast_sd_m * p.fast_sd_m
     normalise_priors(bank, p)
 

@@ -80,6 +80,7 @@ BANK = np.dtype(
         ("slope_mps", "f8"),  # of the smoothed barometer height
         ("climb_mps", "f8"),  # largest of late that both the mixture and the barometer show
         ("path_m", "f8"),  # displacement since the start, without any correction
+        ("protection_m", "f8"),  # newest protection level, 0 none
     ],
     align=True,
 )

@@ -157,7 +157,10 @@ class VerticalBankSettings(EstimatorSettings):
     """protection level above which ALTITUDE stops, unless the receiver itself reports more"""
 
     def derived(self) -> Mapping[str, Any]:
-        return {"crossings_per_h": 2.0 * 3600.0 / (math.sqrt(math.tau) * self.gnss_time_s)}
+        return {
+            "crossings_per_h": 2.0 * 3600.0 / (math.sqrt(math.tau) * self.gnss_time_s),
+            "risk_sigma": crossing_sigma(self.integrity_risk_probability, self.gnss_time_s),
+        }
 
 
 def crossing_sigma(rate_per_h: float, time_s: float) -> float:

@@ -209,20 +209,16 @@ class Pipeline:
     def texts(self, host_us: int) -> list[bytes]:
         """The texts that are due on the host's clock."""
         messages = self.announcements.due(host_us)
-        return self._encode(messages) if messages else []
+        return self.encode(messages) if messages else []
 
     def heartbeat(self) -> list[bytes]:
         """Our own heartbeat."""
-        return self._encode([heartbeat(self.health.health)])
+        return self.encode([heartbeat(self.health.health)])
 
     def farewell(self, host_us: int) -> list[bytes]:
         """The last messages: ALTITUDE with the vehicle's own height, and a text that says so."""
         own = self.outputs.last_height(self.now_us)
-        return self._encode([own, *self.announcements.farewell()]) if own is not None else []
-
-    def encode(self, message: Message) -> list[bytes]:
-        """A message of the service's own, such as a request to the vehicle."""
-        return self._encode([message])
+        return self.encode([own, *self.announcements.farewell()]) if own is not None else []
 
     def take(self, frames: list[Frame], arrival_us: int, source: Hashable) -> list[bytes]:
         """Take frames one after the other, in the steps that all messages have."""
@@ -274,7 +270,7 @@ class Pipeline:
             self.on_rate_request(frame)
         asker = (frame.system_id, frame.component_id)
         answers = self._requests.answer(message, asker, self.identity.own, arrival_us)
-        return self._encode(answers) if answers else []
+        return self.encode(answers) if answers else []
 
     def _message(self, message: Message, message_id: int, arrival_us: int) -> list[bytes]:
         listener, receivers = self.listeners.get(message_id), (0, self.identity.component_id)
@@ -297,7 +293,7 @@ class Pipeline:
             if own_height is None:
                 return []
             self.announcements.source(self.outputs.source)
-            return self._encode([own_height])
+            return self.encode([own_height])
         elif message_id == PARAM_VALUE:
             self.feedback.parameter(message)
         readings = self.readings.of(message, message_id, self.identity.autopilot)
@@ -385,7 +381,7 @@ class Pipeline:
         if self.feedback.knob is not None and (vehicle := self.identity.vehicle) is not None:
             situation = Situation(health.health, estimate, vehicle, self.identity.autopilot)
             messages += self.feedback.step(now_us, situation)
-        return self._encode(messages) if messages else []
+        return self.encode(messages) if messages else []
 
     def restart_estimator(self) -> None:
         """Start the estimator anew. Observers see its samples only, as another would get them."""
@@ -395,7 +391,8 @@ class Pipeline:
         logger.warning("%s (restart %d)", reason, self.checker.restarts)
         self.announcements.restart(reason, self.checker.restarts)
 
-    def _encode(self, messages: list[Message]) -> list[bytes]:
+    def encode(self, messages: list[Message]) -> list[bytes]:
+        """The frames of messages of ours, such as a request to the vehicle."""
         if not self.sends:
             return []
         self.commands.sent(messages, self._host_us)

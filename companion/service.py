@@ -264,10 +264,10 @@ class Service:
             self._send(self.pipeline.heartbeat(), now_us)
         request = self.timesync.poll(now_us) if self.pipeline.identity.vehicle else None
         if request is not None:
-            self._send(self.pipeline.encode(request), now_us)
+            self._send(self.pipeline.encode([request]), now_us)
         path = (self.link.statistics.reconnects, self.pipeline.identity.source)
         for message in self._streaming.poll(now_us, path):
-            self._send(self.pipeline.encode(message), now_us)
+            self._send(self.pipeline.encode([message]), now_us)
         if self._reference is not None:
             self._reference.poll(now_us, self._hear_reference)
         self.pipeline.announcements.streams(self.problems)
@@ -289,10 +289,10 @@ class Service:
         own height, which a ground station then keeps on display."""
         now_us = self.clock.now_us()
         for message in self.pipeline.feedback.stop():
-            self._send(self.pipeline.encode(message), now_us)
+            self._send(self.pipeline.encode([message]), now_us)
         self._send(self.pipeline.farewell(now_us), now_us)
         for message in self._streaming.restore():
-            self._send(self.pipeline.encode(message), now_us)
+            self._send(self.pipeline.encode([message]), now_us)
 
     def _keep_state(self, now_us: int) -> None:
         if self._resumption is not None and not self._resumption.settled:
@@ -349,7 +349,7 @@ class Service:
             self.timesync.take(message, now_us)
         else:
             answer = mavlink.MAVLink_timesync_message(now_us * 1000, message.ts1)
-            self._send(self.pipeline.encode(answer), now_us)
+            self._send(self.pipeline.encode([answer]), now_us)
 
     def _store_air(self, keeps: bool) -> bool:
         """A ground station wants what it set of the air kept for the next start, or forgotten."""

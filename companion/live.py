@@ -35,9 +35,8 @@ from companion.live_steps import (
     follow,
     take,
 )
-from companion.mavlink.columns import tables
 from companion.mavlink.convert import THERMOMETERS
-from companion.mavlink.framing import Frame
+from companion.mavlink.framing import CRC_TABLE, Frame
 from companion.mavlink.plain import plans
 from companion.mavlink.plain_steps import MOST_FIELDS
 from companion.samples import Kind, Verdict
@@ -108,7 +107,7 @@ class _PlainPath:
         parts: list[Any] = [
             data,
             *plans(self._scale, self._without(pipeline)),
-            tables()[0],
+            np.array(CRC_TABLE),
             *(bits, bits.view(np.float32), np.zeros(MOST_FIELDS)),
             *(intake.clock.state, intake.clock.params),
             pipeline.readings.imu.state,
@@ -145,8 +144,8 @@ class _PlainPath:
 
     def take(self, data: bytes, host_us: int, source: Hashable) -> list[bytes] | None:
         """The frames to send because of `data`; None when the pipeline has to take it."""
-        pipeline, size = self.pipeline, len(data)
-        if size > LONGEST or not pipeline.identity.is_usual(source):
+        pipeline, identity, size = self.pipeline, self.pipeline.identity, len(data)
+        if size > LONGEST or source != identity.source or identity.signed_us is not None:
             return None
         self._data[:size] = data
         wants_imu, argument = pipeline.wants_imu, self._argument
@@ -154,7 +153,7 @@ class _PlainPath:
         if code < 0:
             return None
         message_id, became = data[7], code & 3
-        pipeline.identity.took(1, 2, host_us, told_again=False)
+        identity.took(1, 2, host_us, None, told_again=False)
         heard = pipeline.heard
         heard[message_id] = heard.get(message_id, 0) + 1
         pipeline.frames.append(Frame(data, message_id, data[5], data[6], data[4], 2, False))

@@ -7,7 +7,7 @@ import numpy as np
 
 from companion.intake.clock_steps import LARGEST_STAMP_US
 from companion.jit import step
-from companion.mavlink.record_scan import CHECKSUM, V2, V2_HEADER, checksum
+from companion.mavlink.record_scan import CHECKSUM, V2, V2_HEADER
 from companion.samples import Record, Rows
 
 UNSIGNED, SIGNED, FLOAT = range(3)
@@ -49,7 +49,7 @@ def find(
     ----------
     data : uint8, shape (n,).
     places : int64, shape (IDS,): the place of a message's plan, by its id; -1 for none.
-    crc_table : int64, shape (256,): the table of the checksum.
+    crc_table : int64, shape (256,): the table of the checksum (CRC-16/MCRF4XX).
     """
     size = data.shape[0]
     if size < V2_HEADER + CHECKSUM or data[0] != V2 or data[2] != 0:
@@ -62,7 +62,10 @@ def find(
     place = int(places[int(data[7])])
     if place < 0:
         return -1
-    crc = checksum(data, 1, body, plans[place].crc_extra, crc_table)
+    crc = 0xFFFF
+    for i in range(1, body):
+        crc = int(crc_table[(crc ^ int(data[i])) & 0xFF]) ^ crc >> 8
+    crc = int(crc_table[(crc ^ plans[place].crc_extra) & 0xFF]) ^ crc >> 8
     return place if crc == int(data[body]) | int(data[body + 1]) << 8 else -1
 
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from companion.intake.clock_steps import LARGEST_STAMP_US
 from companion.mavlink.codec import Encoder, light, mavlink, scan
-from companion.mavlink.columns import tables
 from companion.mavlink.convert import CONVERTERS, raw_imu
+from companion.mavlink.framing import CRC_TABLE
 from companion.mavlink.plain import PLAIN, plans
 from companion.mavlink.plain_steps import MOST_FIELDS, find, is_plain, read, stamp_of
 
@@ -23,7 +23,7 @@ PLACES, PLANS = plans(SCALE)
 def plain(data: bytes) -> tuple[int, list[float]] | None:
     """(stamp, values) by the plan; None for another message, or one with a second sample."""
     frame = np.frombuffer(data, np.uint8).copy()
-    place = find(frame, 1, 1, PLACES, PLANS, tables()[0])
+    place = find(frame, 1, 1, PLACES, PLANS, np.array(CRC_TABLE))
     if place < 0:
         return None
     plan, bits, values = PLANS[place : place + 1], np.zeros(1, np.uint32), np.zeros(MOST_FIELDS)

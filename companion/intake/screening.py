@@ -50,15 +50,15 @@ class DatumScreen:
     def gnss(self, row: Rows) -> None:
         """Note a credible GNSS height, and mark it when it is the suspect."""
         steps.judge_fix(self.state, self.params, row)
-        self._tell()
+        self.tell()
 
     def pressure(self, row: Rows) -> None:
         """Judge a pressure, and mark it when it is the suspect."""
         steps.judge_pressure(self.state, self.params, row)
-        self._tell()
+        self.tell()
 
-    def _tell(self) -> None:
-        """Log a suspect that changed."""
+    def tell(self) -> None:
+        """Log a suspect that changed, once."""
         changes = int(self.state["changes"][0])
         if changes == self._told:
             return

@@ -2,9 +2,10 @@
 
 At rest level ``up_b`` is (0, 0, -1). The gyros turn it, d(up)/dt = -w x up. A slow correction pulls
 it towards the specific force less the acceleration of the vehicle, f - a, which is the support
-against gravity alone. The acceleration a is what GNSS shows: change of speed along the track, and
-course rate x speed across it, with the nose taken to lie along the track. The gain is that of a
-Kalman filter with two states, tilt error and gyro bias, equal for every axis across ``up_b``.
+against gravity alone. The acceleration a is the slope of the velocity over ground that GNSS shows,
+with the nose taken to lie along the track. Velocity and force are smoothed alike, so both belong to
+the same instant. The gain is that of a Kalman filter with two states, tilt error and gyro bias,
+equal for every axis across ``up_b``.
 
 The attitude is aligned from one second of specific force: at rest (gyro bias from the same second),
 or in motion with the same compensation. Before that ``up_b`` is NaN.
@@ -52,8 +53,8 @@ COMPENSATION_ERROR = 0.3
 DISTURBANCE_TIME_S = 3.0
 """Correlation time of a disturbance."""
 SMOOTHING_S = 1.0
-"""Smoothing of the velocity over ground, of which the acceleration is the slope, and of the specific
-force that it explains: some links repeat the speed of one second in five fixes."""
+"""Smoothing time of the velocity over ground, of which the acceleration is the slope, and of the
+specific force that it explains: some links repeat the speed of one second in five fixes."""
 HIGHEST_ACCELERATION_MPS2 = 30.0
 """A GNSS speed that changes faster is not used as an acceleration."""
 SHORTEST_FIX_US, LONGEST_FIX_US = 50_000, 2_000_000

@@ -397,7 +397,7 @@ def simulator() -> list[Row]:
             (
                 "JSBSim's bare stepping in that",
                 f"{100 * median(shares):.0f} %",
-                "40 %" if aim else "",
+                "50 %" if aim else "",
             ),
         ]
     return rows + where_time_goes(calm)

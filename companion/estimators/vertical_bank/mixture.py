@@ -44,8 +44,9 @@ W, GN, BA, MO, BO, RE, N = 0, 3, 7, 10, 11, 13, 15
 LEAST = 1e-8
 """probability below which a hypothesis is dropped"""
 LONGEST_STEP_S, MOST_STEPS = 10.0, 100
-LAYER_M = 5.0
-"""The offset follows the scale in steps of so much height: noise must not be learned as scale."""
+PLAY_M, LAYER_M = 25.0, 5.0
+"""The offset follows the scale in steps of 5 m, and 25 m behind a height that turns: what goes with
+small ups and downs, such as airspeed, must not be learned as scale."""
 SOFT_SIGMA = 3.0
 """no single barometer height moves a channel by more than this many sigma"""
 OUTLIER_LOG = -11.0
@@ -73,6 +74,8 @@ BANK = np.dtype(
         ("slow_m2", "f8"),  # stationary variance of g, and its correlation time
         ("slow_time_s", "f8"),
         ("fast_m2", "f8"),  # stationary variance of e
+        ("measured_qnh_pa", "f8"),  # newest of a reference barometer, NaN none
+        ("measured_us", "i8"),  # its time, -1 when there is none or it is old
         ("level_m", "f8"),  # height up to which the offset follows the scale; NaN none
         ("outage", "i8"),  # 1 when there has been no fix for long
         ("unwatched", "i8"),  # 1 when no fix has been near enough in time to watch the barometer
@@ -102,6 +105,14 @@ def baro_is_wrong(i: int) -> bool:
 def imu_is_wrong(i: int) -> bool:
     """Whether hypothesis i says that the IMU is wrong, or a manoeuvre was missed."""
     return MO <= i < BO
+
+
+@step
+def rate_sd_mps(bank: Record, p: Record, i: int) -> float:
+    """Standard deviation of the barometer's drift rate in the weather of hypothesis i."""
+    if bank.measured_us >= 0:
+        return float(p.measured_rate_sd_mps[bank.weather[i]])
+    return float(p.rate_sd_mps[bank.weather[i]])
 
 
 @step
@@ -222,7 +233,7 @@ def propagate(bank: Record, imu: Record, p: Record, dt: float, steps: int) -> No
         else:
             moved = move(x, P, dt, dv, dh, psd)
         bank.path_m += bank.weight[i] * moved
-        rate_sd, walk = p.rate_sd_mps[kind], p.offset_walk_m_rts
+        rate_sd, walk = rate_sd_mps(bank, p, i), p.offset_walk_m_rts
         if baro_is_wrong(i):
             rate_sd, walk = p.baro_fault_rate_mps, p.baro_fault_walk_m_rts
             relax(x, P, RATE, keep_ramp, rate_sd * rate_sd)
@@ -270,14 +281,15 @@ def fuse(bank: Record, z: float, R: float, temper: float, is_soft: int) -> None:
 
 @step
 def climb_the_column(bank: Record) -> None:
-    """o += s dh, when the mean height has moved by a layer."""
+    """o += s dh, when the mean height has moved by a layer beyond the play."""
     height_m = mean(bank, HEIGHT)
     if math.isnan(bank.level_m):
         bank.level_m = height_m
-    moved_m = height_m - bank.level_m
-    if abs(moved_m) < LAYER_M:
+    apart_m = height_m - bank.level_m
+    moved_m = apart_m - math.copysign(PLAY_M, apart_m)
+    if abs(apart_m) < PLAY_M + LAYER_M:
         return
-    bank.level_m = height_m
+    bank.level_m += moved_m
     for i in range(N):
         if bank.weight[i] > 0.0:
             carry(bank.x[i], bank.P[i], OFFSET, SCALE, moved_m)

@@ -15,7 +15,7 @@ from companion.reference_link import open_reference
 from companion.settings import CompanionSettings
 from companion.warmup import warm_up
 from tests.live import STREAMS, LiveVehicle, Pty, Udp, accept, free_port
-from tests.vehicle import Vehicle, gps, heartbeat, pressure
+from tests.vehicle import Maker, Vehicle, gps, heartbeat, pressure
 
 SECONDS = 4.0
 
@@ -160,8 +160,10 @@ def test_time_is_bounded(port: int) -> None:
     assert time.monotonic() - started < SECONDS + 1.0
 
 
-STATION_HZ = {"heartbeat": (1.0, lambda s: heartbeat(type=mavlink.MAV_TYPE_GCS, autopilot=8)),
-              "pressure": (2.0, pressure)}  # fmt: skip
+STATION_HZ: dict[str, tuple[float, Maker]] = {
+    "heartbeat": (1.0, lambda s: heartbeat(type=mavlink.MAV_TYPE_GCS, autopilot=8)),
+    "pressure": (2.0, pressure),
+}
 
 
 def diagnose_with_station(port: int, *, sends: bool, seconds: float) -> list[Finding]:

@@ -309,8 +309,10 @@ class Encoder:
             if not isinstance(message, tuple):
                 message._msgbuf = data
         else:
+            kind = mavlink.mavlink_map[message_id]
             if isinstance(message, tuple):  # a light one
-                message = mavlink.mavlink_map[message_id](**message._asdict())
+                values = dict(zip(kind.ordered_fieldnames, message, strict=True))
+                message = kind(**values)
             data = message.pack(self._mav, force_mavlink1=version == 1)
             data = _without_extensions(data) if version == 1 else data
         self._mav.seq = (sequence + 1) % 256

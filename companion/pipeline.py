@@ -7,7 +7,6 @@ give the same estimates and the same output messages, bit for bit.
 import copy
 import logging
 from collections.abc import Callable, Hashable, Mapping
-from typing import Any
 
 from companion.announcements import Announcements
 from companion.checker import Checker
@@ -62,6 +61,11 @@ class Pipeline:
     estimates = True  # whether samples reach the estimator
     in_blocks = True  # whether a replay may use loops, which call no overridden method
 
+    def __init_subclass__(cls) -> None:
+        methods = {name for name in vars(Pipeline) if not name.startswith("__")}
+        own = {name for name in methods if getattr(cls, name) is not getattr(Pipeline, name)}
+        cls.in_blocks = own <= {"estimates", "in_blocks"}
+
     def __init__(
         self,
         settings: CompanionSettings,
@@ -92,9 +96,7 @@ class Pipeline:
         self.listeners = dict(listeners or {})
         self._sender = Sender(signing)
         self.commands, self._host_us = Commands(intervals(settings.publish)), 0
-        self.parameters = Parameters(
-            settings, AirSettings, lambda key: getattr(self.air, key), self._set_air
-        )
+        self.parameters = Parameters(settings, AirSettings, lambda: self.air)
         self._requests = Requests(self.parameters, self.commands)
         self._wanted = self.readings.message_ids | {SYSTEM_TIME, ALTITUDE, GLOBAL_POSITION_INT}
         self._wanted |= self.listeners.keys() | convert.TRUTHS.keys()
@@ -228,13 +230,8 @@ class Pipeline:
         """A message of the service's own, such as a request to the vehicle."""
         return self._encode([message])
 
-    def _set_air(self, key: str, value: float) -> None:
-        change: dict[str, Any] = {key: value}
-        self.air.set(**change)
-
     def _take(self, frames: list[Frame], arrival_us: int, source: Hashable) -> list[bytes]:
-        self.frames = []
-        self._host_us = arrival_us
+        self.frames, self._host_us = [], arrival_us
         sent: list[bytes] = []
         for frame in frames:
             sent += self._frame(frame, arrival_us, source) + self.age(arrival_us)
@@ -343,18 +340,22 @@ class Pipeline:
         known = self.air.follow(kind, row, now_us, self.filter.estimate)
         sent = self._sample(Kind.AIR, self.intake.air(known, row)) if known is not None else []
         self.identity.measured(kind)
-        self.checker.sample(kind, row)
-        verdict = self.filter.step(kind, row)
+        verdict = Verdict.IGNORED
+        if self.estimates:
+            self.checker.sample(kind, row)
+            verdict = self.filter.step(kind, row)
+            if instance == 0 or verdict is Verdict.USED:
+                self.health.sample(kind, verdict, now_us, int(row["arrival_us"][0]))
+            self.outputs.sample(kind, row, verdict, self.filter.estimate)
         self.verdicts[kind][verdict] += 1
-        if instance == 0 or verdict is Verdict.USED:
-            self.health.sample(kind, verdict, now_us, int(row["arrival_us"][0]))
-        self.outputs.sample(kind, row, verdict, self.filter.estimate)
         if self._observer is not None:
             self._observer.sample(kind, row, verdict, self.filter.estimate)
         return sent + self._react(now_us, used=verdict is Verdict.USED)
 
     def _react(self, now_us: int, *, used: bool) -> list[bytes]:
         """What is due now that the vehicle's clock is at `now_us`: health, ALTITUDE, DEBUG."""
+        if not self.estimates:
+            return []
         estimate = self.filter.estimate
         messages: list[Message] = []
         changed = False

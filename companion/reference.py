@@ -5,8 +5,8 @@ value every ten seconds of the vehicle's clock; a value is handed on when it has
 metre of air, and once a minute. What cannot be weather is counted and left out:
 
 ============================  ====================================================================
-a step of the median          more than the weather can do since the last value (31 m/h, the most of
-                              a year), beyond 5 m; until it is back
+a step or a ramp              the median is 5 m and more ahead of what the weather can have carried
+                              it to (31 m/h, the most of a year); until it is back
 a contradiction               the estimate's QNH is apart by more than five spreads and a column's
                               error of 5 %, for a minute; until it agrees for a minute
 silence of 30 s               told; the last QNH ages as any other
@@ -60,13 +60,15 @@ class ReferenceBarometer:
         self._pressures: list[float] = []
         self._begun_us = self._heard_us = self._valued_us = self._told_us = self._since_us = -1
         self._told_pa = math.nan
+        self._carried_pa = math.nan
+        """the QNH as far as the weather can have carried it, by the values until now"""
         self._votes = 0
         self._silent = False
 
     def restart(self) -> None:
         """The vehicle's clock or its estimator started anew: tell the newest value again."""
         self._begun_us = self._valued_us = self._told_us = -1
-        self._pressures, self._told_pa = [], math.nan
+        self._pressures, self._told_pa, self._carried_pa = [], math.nan, math.nan
 
     def hear(self, pressure_pa: float, now_us: int) -> None:
         """A pressure of the station, at `now_us` of the vehicle's clock."""
@@ -105,23 +107,31 @@ class ReferenceBarometer:
 
     def _is_plausible(self, value_pa: float, now_us: int, estimate: Rows) -> bool:
         """Whether a value can be weather and is not contradicted; what is not is counted."""
-        fault = None
-        weather_pa = WEATHER_PA_PER_S * max(0, now_us - self._valued_us) * 1e-6
+        fault, carried_pa = None, self._carry(value_pa, now_us)
         if not LOWEST_QNH_PA <= value_pa <= HIGHEST_QNH_PA:
             fault = ReferenceReject.RANGE
-        elif self._valued_us >= 0 and abs(value_pa - self.qnh_pa) > STEP_PA + weather_pa:
+        elif abs(value_pa - carried_pa) > STEP_PA:
             fault = ReferenceReject.STEP
         elif self._is_contradicted(value_pa, estimate):
             fault = ReferenceReject.CONTRADICTION
         if fault is not None:
             self.counters[fault] += 1
             self._valued_us = now_us if self._valued_us >= 0 else -1  # no time for the weather
+        else:
+            self._carried_pa = carried_pa
         if fault is not None and fault is not self._fault:
             logger.warning("%s, %.1f hPa: not used", fault, value_pa * 0.01)
         elif fault is None and self._fault is not None:
             logger.info("the reference barometer is used again")
         self._fault = fault
         return fault is None
+
+    def _carry(self, value_pa: float, now_us: int) -> float:
+        """Where the weather can have carried the QNH on its way to a value."""
+        if math.isnan(self._carried_pa):
+            return value_pa
+        most_pa = WEATHER_PA_PER_S * max(0, now_us - self._valued_us) * 1e-6
+        return self._carried_pa + max(-most_pa, min(most_pa, value_pa - self._carried_pa))
 
     def _is_contradicted(self, value_pa: float, estimate: Rows) -> bool:
         """Whether the estimate's QNH has been elsewhere for as long as counts."""

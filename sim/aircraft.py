@@ -161,8 +161,7 @@ class Aircraft:
         )
 
     def control(self, controls: Controls) -> None:
-        """Set the controls. Those that change rarely are written only on a change: a write costs
-        0.1 us."""
+        """Set the controls; those that change rarely only on a change: a write costs 0.1 us."""
         elevator, aileron, rudder, throttle, brake, steering, flaps, gear, lift_dump = controls
         write_elevator, write_aileron, write_rudder = self._stick
         write_elevator(-elevator)  # JSBSim's elevator is positive trailing edge down
@@ -265,27 +264,29 @@ class Aircraft:
         self.mean_motion()
         self.time_us = 0
 
-    def advance(self, steps: int) -> None:
-        """Step the dynamics, and sum specific force and rates for `mean_motion`."""
-        self._blow()
+    def advance(self, steps: int, times: int = 1) -> None:
+        """Step the dynamics, summing for `mean_motion`; the wind is limited before each of
+        `times`."""
         run = self._run
         sum_nx, sum_ny, sum_nz, sum_p, sum_q, sum_r = self._sums
         nx, ny, nz = self._load_factors
         p, q, r = self._inertial_rates
         layered = self._column is not None
-        for _ in range(steps):
-            if layered:
-                self._write_column()
-            run()
-            sum_nx += nx()
-            sum_ny += ny()
-            sum_nz += nz()
-            sum_p += p()
-            sum_q += q()
-            sum_r += r()
+        for _ in range(times):
+            self._blow()
+            for _ in range(steps):
+                if layered:
+                    self._write_column()
+                run()
+                sum_nx += nx()
+                sum_ny += ny()
+                sum_nz += nz()
+                sum_p += p()
+                sum_q += q()
+                sum_r += r()
         self._sums = (sum_nx, sum_ny, sum_nz, sum_p, sum_q, sum_r)
-        self._summed += steps
-        self.time_us += steps * self._step_us
+        self._summed += steps * times
+        self.time_us += steps * times * self._step_us
 
     def mean_motion(self) -> Motion:
         """Mean specific force and rates over the steps since the last call."""
@@ -295,8 +296,7 @@ class Aircraft:
         nx, ny, nz, p, q, r = self._sums
         scale = G0_MPS2 / count
         # JSBSim's Nz is positive upwards, one at rest; the body's z axis points down.
-        self._sums = _NOTHING
-        self._summed = 0
+        self._sums, self._summed = _NOTHING, 0
         return new_motion(
             ((nx * scale, ny * scale, -nz * scale), (p / count, q / count, r / count))
         )

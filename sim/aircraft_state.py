@@ -57,6 +57,10 @@ class Controls(NamedTuple):
     """deflection of the spoilers that reduce lift after touchdown, on aircraft that have them"""
 
 
+new_controls: Callable[[tuple[float, ...]], Controls] = partial(tuple.__new__, Controls)
+"""`Controls` of a tuple, without the Python code of its constructor"""
+
+
 class Motion(NamedTuple):
     """Output of an ideal IMU at the centre of gravity, averaged over an interval."""
 

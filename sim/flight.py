@@ -3,8 +3,10 @@
     flight = Flight(load_scenario("short-hop"), tlog=Path("hop.tlog"))
     summary = flight.run()
 
-The order within a tick: weather, dynamics, truth, sensors, autopilot, received bytes, sent
-messages. Only `run` reads the host's clock, and only to wait.
+The order within a tick: weather, dynamics, truth, autopilot; then sensors, received bytes, sent
+messages (`sim.onboard`). Where nothing of the second half acts on the first (no link, and the
+autopilot flies by the truth), `run` takes ten ticks of the first before the second: the same bytes,
+and each half keeps the processor's cache. Only `run` reads the host's clock, and only to wait.
 """
 
 import contextlib
@@ -13,35 +15,26 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from companion.clock import Clock, SystemClock
 from companion.errors import SimulationError
 from companion.links import Link
-from companion.logs.tlog import TlogWriter
-from companion.samples import Packet
-from sim import BOOT_UNIX_US, STEPS_PER_TICK
+from sim import STEPS_PER_TICK, TICK_US
 from sim.aircraft import Aircraft
 from sim.aircraft_state import Truth
-from sim.faults.injector import FaultInjector
+from sim.onboard import MOTION_US, Moment, Onboard, new_moment
 from sim.pilot.approach import LandingSite
-from sim.pilot.autopilot import UPDATE_HZ, Autopilot, Mode, Target
+from sim.pilot.autopilot import Autopilot, Mode, Target
 from sim.pilot.profile import Hold, Profile
 from sim.pilot.stall import StallWatch
 from sim.scenario import Scenario
-from sim.sensors.barometer import Barometer
-from sim.sensors.gnss import Fix, GnssReceiver
-from sim.sensors.imu import Imu
-from sim.sensors.thermometer import Thermometer
-from sim.vehicle.ardupilot import HYGROMETER_ID
-from sim.vehicle.flavours import FLAVOURS, Flavour, FlavourName
-from sim.vehicle.own_estimate import OwnEstimate
-from sim.vehicle.ports import Port
-from sim.vehicle.vehicle import Heard, Vehicle
+from sim.sensors.gnss import Fix
+from sim.vehicle.flavours import FLAVOURS, FlavourName
+from sim.vehicle.vehicle import Heard
 from sim.weather import Weather
 
-MOTION_US = 1_000_000 // UPDATE_HZ
-"""interval of truth, autopilot and the fastest IMU: every second tick"""
 _WEATHER_US = 100_000
 _STRAYED_M = 200.0
 """largest distance from the altitude of a hold; gusts, waves and turns of the given scenarios reach
@@ -50,15 +43,13 @@ _LIFTED_M = 3.0
 """height of the centre of gravity that no parked aircraft has; on the wheels it is at most 1.7 m"""
 _LATE_S = 0.5
 """Delay behind real time above which the flight does not catch up."""
-_READS_PER_TICK = 32
-"""Largest number of datagrams that a link reads in a tick, so that a flood does not stop the
-flight."""
 _REPORT_US = 1_000_000
 _PARKED = Mode.PARKED  # looked up in its class, a member costs four times as much (Python 3.11)
 _AIRBORNE = (Mode.AIRSPEED, Mode.ALTITUDE, Mode.APPROACH)
 """modes in which the aircraft must not touch the ground"""
 _NEAR_THE_GROUND = (Mode.PARKED, Mode.FLARE, Mode.ROLL_OUT)
 """modes in which the wing may stall"""
+_NO_EVENTS: tuple[Callable[[], None], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -133,34 +124,22 @@ class Flight:
         self._clock = clock or SystemClock()
         self._speed = speed
         self._stopped = False
-        self._on_fix = on_fix
-        self._airborne = False
-        self._received_bytes = 0
-        self._injectors: list[FaultInjector] = []
-        seed = self._seed = scenario.seed if seed is None else seed
+        self._armed = False
+        seed = scenario.seed if seed is None else seed
         self._start_aircraft(seed)
-        face = FLAVOURS[flavour or scenario.flavour]
-        self._start_sensors(seed, face.baro_hz)
-        self._writer = TlogWriter(tlog) if tlog is not None else None
-        self.vehicle = Vehicle(
-            OwnEstimate(scenario.sensors.estimate, seed, MOTION_US * 1e-6, face.raise_time_s),
-            self._record if self._writer else None,
-            face,
+        self._onboard = Onboard(
+            scenario,
+            seed,
+            FLAVOURS[flavour or scenario.flavour],
+            links=links,
+            tlog=tlog,
+            all_streams=all_streams,
+            on_fix=on_fix,
         )
+        self.vehicle = self._onboard.vehicle
         self.vehicle.state.true_air = self.weather.truth
-        self._links = [
-            (link, self._port(link.url, self._delivery(link), face, all_streams)) for link in links
-        ]
-        if self._writer is not None:
-            self._port(str(tlog), self._delivery(None), face, full=True)
-
-    def _port(self, name: str, deliver: Callable[[bytes], bool], face: Flavour, full: bool) -> Port:
-        """A port of the vehicle's, with the scenario's rates or the flavour's."""
-        rates_hz = self.scenario.streams_hz if full else {}
-        absent = () if self.thermometer.config.fitted else (HYGROMETER_ID,)
-        port = Port(name, deliver, rates_hz, full=full, flavour=face, absent=absent)
-        self.vehicle.add_port(port)
-        return port
+        self._by_truth = scenario.flown_by == "truth"
+        self._in_blocks = not links and speed is None and self._by_truth
 
     def _start_aircraft(self, seed: int) -> None:
         scenario, runway = self.scenario, self.scenario.runway
@@ -195,13 +174,6 @@ class Flight:
             self.aircraft.freeze_fuel()
         self.aircraft.settle()
 
-    def _start_sensors(self, seed: int, baro_hz: int) -> None:
-        sensors = self.scenario.sensors
-        self.barometer = Barometer(sensors.barometer, seed, baro_hz)
-        self.gnss = GnssReceiver(sensors.gnss, seed, self.scenario.runway.elevation_m)
-        self.imu = Imu(sensors.imu, seed)
-        self.thermometer = Thermometer(sensors.thermometer, seed)
-
     # The loop
 
     def run(self, progress: Callable[[Progress], None] | None = None) -> Summary:
@@ -211,22 +183,23 @@ class Flight:
         """
         started_s = time.perf_counter()
         with contextlib.ExitStack() as stack:
-            if self._writer is not None:
-                stack.callback(self._writer.close)
+            stack.callback(self._onboard.close)
             self._loop(progress, started_s)
-            for injector in self._injectors:
-                injector.due(math.inf)
+            self._onboard.finish()
         return self._summary(time.perf_counter() - started_s)
 
     def stop(self) -> None:
-        """End `run` after the present tick; may be called from a signal handler."""
+        """End `run` after the present tick or block; may be called from a signal handler."""
         self._stopped = True
 
     def _loop(self, progress: Callable[[Progress], None] | None, started_s: float) -> None:
         limit_us = self.scenario.limit_s * 1e6
         origin_us, flown_us = self._clock.now_us(), 0
         while not self._stopped and not self.profile.done:
-            self.tick()
+            if self._in_blocks:
+                self._block(limit_us)
+            else:
+                self.tick()
             if self.time_us > limit_us:
                 raise SimulationError(
                     f"'{self.scenario.name}' has not ended after limit_s = {limit_us * 1e-6:g} s, "
@@ -256,32 +229,42 @@ class Flight:
 
     def tick(self) -> None:
         """Advance by one tick of `sim.TICK_US`."""
-        aircraft, vehicle = self.aircraft, self.vehicle
+        self._onboard.tick(self._fly_ticks())
+
+    def _block(self, limit_us: float) -> None:
+        """Fly to the next update of the weather, or to the end, and take the moments then."""
+        moments, air_us = [], self._onboard.air_period_us
+        try:
+            while True:
+                idle = self.time_us % MOTION_US == 0 and (self.time_us + TICK_US) % air_us
+                moments.append(self._fly_ticks(2 if idle else 1))
+                now_us = self.time_us
+                if now_us % _WEATHER_US == 0 or self.profile.done or now_us > limit_us:
+                    break
+        finally:
+            self._onboard.take(moments)
+
+    def _fly_ticks(self, ticks: int = 1) -> Moment:
+        """Weather, dynamics and autopilot of one tick, or of two if nothing else is due at the
+        first."""
+        aircraft, onboard = self.aircraft, self._onboard
         if self.time_us % _WEATHER_US == 0:
             self.weather.update(self.time_us * 1e-6)
             self._check_fuel()
-        aircraft.advance(STEPS_PER_TICK)
-        self.time_us = vehicle.state.time_us = now_us = aircraft.time_us
+        aircraft.advance(STEPS_PER_TICK, ticks)
+        self.time_us = now_us = aircraft.time_us
+        truth = motion = air = flow = None
+        throttle, events = 0.0, _NO_EVENTS
         if now_us % MOTION_US == 0:
-            self._motion(now_us)
-        if now_us % self.barometer.period_us == 0:
-            flow = aircraft.flow() if self.barometer.feels_flow else None
-            vehicle.on_pressure(self.barometer.measure(now_us, *aircraft.air(), flow))
-        if now_us % self.thermometer.period_us == 0:
-            vehicle.state.air_temperature_k = self.thermometer.measure(aircraft.air()[1])
-        if self.gnss.arrives_us <= now_us and (fix := self.gnss.deliver(now_us)) is not None:
-            vehicle.on_fix(fix)
-            if self._on_fix is not None:
-                self._on_fix(fix)
-        for link, port in self._links:
-            for _ in range(_READS_PER_TICK):
-                if not (data := link.receive(0.0)):
-                    break
-                self._received_bytes += len(data)
-                vehicle.receive(port, data)
-        vehicle.stream()
-        for injector in self._injectors:
-            injector.due(BOOT_UNIX_US + now_us)
+            truth = aircraft.truth()
+            throttle, events = self._fly(truth)
+            if now_us % onboard.imu.period_us == 0:
+                motion = aircraft.mean_motion()
+        if now_us % onboard.air_period_us == 0:
+            air = aircraft.air()
+            if onboard.barometer.feels_flow:
+                flow = aircraft.flow()
+        return new_moment((now_us, truth, motion, throttle, events, air, flow))
 
     def _check_fuel(self) -> None:
         """Raise `SimulationError` when the fuel is used up."""
@@ -303,31 +286,22 @@ class Flight:
                 "bank_deg or another airspeed_mps"
             )
 
-    def _motion(self, now_us: int) -> None:
-        """The steps at 50 Hz: truth, autopilot, IMU, GNSS, the vehicle's own estimate."""
-        state, estimate = self.vehicle.state, self.vehicle.estimate
-        state.truth = truth = self.aircraft.truth()
-        self._fly(self.profile.seen(truth, state.position, self.scenario.flown_by))
-        if now_us % self.imu.period_us == 0:
-            state.motion = motion = self.aircraft.mean_motion()
-            state.imu = self.imu.measure(now_us, motion)
-        if now_us % self.gnss.period_us == 0:
-            self.gnss.measure(truth)
-        state.attitude_rad = estimate.attitude(truth)
-        state.position = estimate.position(now_us)
-
-    def _fly(self, truth: Truth) -> None:
-        profile, state = self.profile, self.vehicle.state
+    def _fly(self, truth: Truth) -> tuple[float, tuple[Callable[[], None], ...]]:
+        """The autopilot's step at 50 Hz; the commanded throttle, and what the vehicle tells of
+        it."""
+        profile, vehicle = self.profile, self.vehicle
+        if not self._by_truth:
+            truth = profile.seen(truth, vehicle.state.position)
         before = profile.leg
         target = profile.update(truth)
         controls = self.autopilot.update(truth, target)
         self.aircraft.control(controls)
-        state.throttle = max(controls.throttle, 0.0)
-        leg, mode = profile.leg, target.mode
-        if (mode is not _PARKED) != state.armed:
-            self.vehicle.arm(mode is not _PARKED)
+        leg, mode, events = profile.leg, target.mode, _NO_EVENTS
+        if (mode is not _PARKED) != self._armed:
+            self._armed = mode is not _PARKED
+            events = (partial(vehicle.arm, self._armed),)
         if leg is not before:
-            self.vehicle.say(f"Mission: {profile.describe()}")
+            events = (*events, partial(vehicle.say, f"Mission: {profile.describe()}"))
         if mode not in _NEAR_THE_GROUND:
             self._stall.check(truth, leg, profile.describe)
         if isinstance(leg, Hold):
@@ -342,33 +316,7 @@ class Flight:
                 f"at {truth.time_us / 1e6:.2f} s the aircraft hit the ground during "
                 f"'{self.profile.describe()}', sinking at {truth.down_mps:.1f} m/s"
             )
-
-    # Where telemetry goes
-
-    def _delivery(self, link: Link | None) -> Callable[[bytes], bool]:
-        """The delivery of a port's frames to `link`, or to the log, through the scenario's
-        faults."""
-        if not self.scenario.faults:
-            return self._log if link is None else link.send
-        deliver = self._log_packet if link is None else lambda packet: link.send(packet.data)
-        injector = FaultInjector(self.scenario.faults, self._seed, self._log_time_us, deliver)
-        self._injectors.append(injector)
-        return injector
-
-    def _log(self, frame: bytes) -> bool:
-        self._writer.write(BOOT_UNIX_US + self.time_us, frame)  # type: ignore[union-attr]
-        return True
-
-    def _log_packet(self, packet: Packet) -> bool:
-        self._record(packet.time_us - BOOT_UNIX_US, packet.data)
-        return True
-
-    def _log_time_us(self) -> int:
-        return BOOT_UNIX_US + self.time_us
-
-    def _record(self, time_us: int, frame: bytes) -> None:
-        if self._writer is not None:
-            self._writer.write(BOOT_UNIX_US + time_us, frame)
+        return max(controls.throttle, 0.0), events
 
     def _summary(self, elapsed_s: float) -> Summary:
         ports = self.vehicle.ports
@@ -383,6 +331,6 @@ class Flight:
             sent_bytes=sum(port.sent_bytes for port in ports),
             dropped=sum(port.dropped for port in ports),
             forwarded=sum(port.forwarded for port in ports),
-            received_bytes=self._received_bytes,
+            received_bytes=self._onboard.received_bytes,
             heard=self.vehicle.heard,
         )

@@ -8,10 +8,9 @@ air, in pascals, on nodes of a regular grid:
 s (column), l (lag), the lift-off error and, without an airspeed, two terms of the wind have priors
 and are not reported. The reference is GNSS; while the vehicle rests on the ground its height is one
 number, so a rest is one GNSS mean. The noise has a full covariance: weather and fast error of the
-barometer, slow and white error of the receiver, as `companion.evaluation.smoother` has them. Which
-of its `WEATHERS`, how large the fast error and how much of the receiver's reported accuracy count
-is chosen by restricted maximum likelihood. Sessions add up their information about the
-coefficients.
+barometer, slow and white error of the receiver. Which of the `WEATHERS`, how large the fast error
+and how much of the receiver's reported accuracy count is chosen by restricted maximum likelihood.
+Sessions add up their information about the coefficients.
 
 A coefficient is shown by the flights when its standard deviation is within a tenth of it, or small
 enough to matter nowhere. Breaks when something else goes with the same quantity: an error of lift
@@ -26,18 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.evaluation.metrics import Array
-from companion.evaluation.smoother import (
-    BARO_WHITE_M,
-    DRIFT_S,
-    FAST_S,
-    GNSS_SLOW_S,
-    JITTER_S,
-    LEAST_GNSS_SD_M,
-    SLOW_SHARE,
-    STEP_S,
-    WEATHERS,
-    WHITE_SHARE,
-)
+from companion.evaluation.smoother import FAST_S, GNSS_SLOW_S, SLOW_SHARE, WHITE_SHARE
 
 PORTS = ("forward", "backward", "right", "left")
 """the static-port coefficients, in the order of `Flight.heads_pa`"""
@@ -51,7 +39,14 @@ SEEN_SIGMA = 3.0
 CONSTANT_PA, COLUMN_SD, LAG_SD_S, LIFT_SD_M, WIND_SD_MPS = 2e4, 0.05, 0.5, 8.0, 3.0
 """priors of what is not reported"""
 LIFT_MPS, MUCH_FASTER_MPS = 28.0, 40.0
+WEATHERS = ((0.001, 0.02, 2e-5), (0.01, 0.1, 2e-4), (0.05, 0.3, 6e-4))
+"""(sd of the drift rate in m/s, walk of the offset in m per square root of a second, walk of the
+scale per square root of a second)"""
+DRIFT_S = 1800.0
 FAST_SD_M = (0.4, 1.2)
+BARO_WHITE_M, WHITE_S, JITTER_S = 0.7, 0.5, 0.3
+"""noise of a mean of the barometer's heights over `WHITE_S`, and of its stamps"""
+LEAST_GNSS_SD_M = 1.0
 CLAIM_SHARES = (0.3, 0.6, 1.0)
 """how much of the receiver's reported accuracy its errors have"""
 COLUMN_JITTER_S = 0.5
@@ -235,7 +230,7 @@ def _covariances(flight: Flight) -> Iterator[Array]:
     weight = flight.weight_pa_per_m[:, None] * flight.weight_pa_per_m[None, :]
     fast = np.exp(-apart_s / FAST_S)
     gnss = _receiver(flight, apart_s)
-    white_m2 = BARO_WHITE_M**2 * STEP_S / float(np.median(np.diff(time_s)))
+    white_m2 = BARO_WHITE_M**2 * WHITE_S / float(np.median(np.diff(time_s)))
     for drift_sd_mps, offset_walk, scale_walk in WEATHERS:
         weather = _weather(time_s, drift_sd_mps, offset_walk)
         height_m = np.nan_to_num(flight.baro_m - np.nanmean(flight.baro_m))

@@ -62,8 +62,6 @@ class Gathered(Tap):
 class Gatherer(Sampler):
     """A pipeline without an estimator that also keeps the throttle."""
 
-    in_blocks = False
-
     def feed_item(self, item: Item, arrival_us: int) -> list[bytes]:
         if isinstance(item, Throttle):
             self._note(item.time_us, item.share)

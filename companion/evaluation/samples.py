@@ -4,7 +4,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 from companion.logs import open_log
-from companion.logs.tlog import TlogReader
 from companion.mavlink.codec import Message
 from companion.observer import Block, Observer
 from companion.pipeline import Pipeline
@@ -57,20 +56,6 @@ class Sampler(Pipeline):
     def __init__(self, settings: CompanionSettings, observer: Observer) -> None:
         super().__init__(settings, datagrams=True, observer=observer, sends=False)
 
-    def _sample(self, kind: Kind, row: Rows, instance: int = 0) -> list[bytes]:
-        del instance
-        known = self.air.follow(kind, row, self.now_us, self.estimate)
-        if known is not None:
-            self._sample(Kind.AIR, self.intake.air(known, row))
-        self.identity.measured(kind)
-        self.verdicts[kind][Verdict.IGNORED] += 1
-        if self._observer is not None:
-            self._observer.sample(kind, row, Verdict.IGNORED, self.estimate)
-        return []
-
-    def _react(self, now_us: int, *, used: bool) -> list[bytes]:
-        return []
-
 
 def samples_of(
     path: Path,
@@ -85,16 +70,10 @@ def samples_of(
     tap = Tap()
     pipeline = Sampler(settings or CompanionSettings(), tap)
     reader = open_log(path)
-    if isinstance(reader, TlogReader):
-        runner = BlockRunner(pipeline, lambda time_us, frame: pipeline.feed_item(frame, time_us))
-        for batch in reader.batches():
-            runner.run(batch, lambda: tap)
-            reader.passed(batch)
-            if on_progress is not None:
-                on_progress(reader.position_bytes / max(1, reader.size_bytes))
-        return tap.log
-    for count, (time_us, frame) in enumerate(reader.items(pipeline.wanted)):
-        pipeline.feed_item(frame, time_us)
-        if on_progress is not None and count % 5000 == 0:
-            on_progress(reader.position_bytes / reader.size_bytes)
+    runner = BlockRunner(pipeline, lambda time_us, item: pipeline.feed_item(item, time_us))
+    for batch in reader.batches():
+        runner.run(batch, lambda: tap)
+        reader.passed(batch)
+        if on_progress is not None:
+            on_progress(reader.position_bytes / max(1, reader.size_bytes))
     return tap.log

@@ -8,20 +8,26 @@ State at the nodes of a regular grid, and what each is
 ------------------------------------------------------
 =====  ======================================================================================
 h, v   altitude above mean sea level and climb; the climb wanders
-b, d   offset of the barometer's height and its drift rate, which forgets itself in half an hour
+b, d   offset of the barometer's height and its drift rate, which forgets itself
 s      change of the barometer's error with height
 k      static-port coefficient: the barometer reads high by k times the dynamic pressure head,
-       taken from the ground speed
+       from the airspeed, or the ground speed where there is none
+c      change of the barometer's error with lift-off, in proportion to (V / 28 m/s)^2 up to 1
 l      lag of the barometer: it reads what was l seconds ago
 g      slow error of the GNSS height
 e      fast error of the barometer, 1.2 m over a minute
 =====  ======================================================================================
 
 The priors are those that served four flights with precise truth (the project's notes on real
-barometers): scale 5 %, k 0 +- 0.15, lag 0 +- 0.5 s, drift 0.001 to 0.05 m/s over 1800 s, fast error
-1.2 m over 60 s. White noise has room for stamps that jitter: 0.3 s of climb. The drift of the
-session, calm to stormy, is the one of `WEATHERS` that makes its innovations most likely. Breaks
-when GNSS lies for minutes: one receiver and one barometer cannot tell who moved.
+barometers): scale 5 %, k 0 +- 0.15, c 0 +- 8 m, lag 0 +- 1 s, fast error 1.2 m over 60 s. Noise of
+the barometer has room for stamps that jitter. Both are given for means over five seconds: what a
+real barometer errs within seconds is correlated, and taken as independent at every node it would
+decide the coefficients.
+
+A receiver's slow error is as large as it shows: it starts from the reported accuracy, and is
+estimated again from the smoothed states `FITS` times. The weather of the session is the calmest of
+`WEATHERS` under which that error is no larger than a receiver's can be. Breaks when GNSS lies for
+minutes: one receiver and one barometer cannot tell who moved.
 """
 
 from dataclasses import dataclass
@@ -31,44 +37,58 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.evaluation.metrics import Array
-from companion.kernels.arrays import baro_altitude_array
+from companion.kernels.arrays import baro_altitude_array, gnss_sd_array
 from companion.kernels.rts import backward, forward
 from companion.samples import Kind, SampleLog
 
 STEP_S = 0.5
-MOST_NODES = 2_000_000
+MOST_NODES = 100_000
+"""14 hours; the steps of a longer session are longer"""
+LONGEST_S = 1e6
 """eleven days; longer spans are clocks that jumped"""
 UNKNOWN_GNSS_SD_M = 10.0
 LONGEST_GAP_S = 60.0
 """no altitude inside longer gaps between measurements"""
-H, V, B, D, S, K, L, G, E = range(9)
-SIZE = 9
-START_SD = (15.0, 20.0, 300.0, 0.0, 0.05, 0.15, 0.5, 0.0, 1.2)
-"""of the state before the first measurement; that of d and g depends on the session"""
-CLIMB_WALK = 1.0
-"""m/s per square root of a second"""
-WEATHERS = ((0.001, 0.02, 2e-5), (0.01, 0.1, 2e-4), (0.05, 0.3, 6e-4))
-"""(sd of the drift rate in m/s, walk of the offset in m per square root of a second, walk of the
-scale per square root of a second); the session's is the one under which its innovations are most
-likely"""
-DRIFT_S = 1800.0
+H, V, B, D, S, K, C, L, G, E = range(10)
+SIZE = 10
+START_SD = {H: 15.0, V: 20.0, B: 300.0, S: 0.05, K: 0.15, C: 8.0, L: 1.0}
+"""of the state before the first measurement; h has the receiver's slow error in addition, and d, g
+and e have their own"""
+CLIMB_PSD_M2PS3 = 10.0
+"""spectral density of the vertical acceleration: a light aircraft's manoeuvre, 4.4 m/s2 for 2 s"""
+WEATHERS = ((0.003, 1800.0), (0.03, 600.0), (0.25, 600.0))
+"""(sd of the drift rate in m/s, its correlation time in s): calm, fair, stormy, as vertical-bank
+has them"""
+OFFSET_WALK = 0.02
+"""m per square root of a second"""
+SCALE_WALK = 2e-5
 FAST_SD_M, FAST_S = 1.2, 60.0
+LIFT_MPS = 28.0
 GNSS_SLOW_S = 250.0
 SLOW_SHARE, WHITE_SHARE = 0.8, 0.6
-"""of the receiver's reported accuracy: how much of it is slow, how much is new each second"""
-BARO_WHITE_M, JITTER_S = 0.7, 0.3
-LEAST_GNSS_SD_M = 1.0
+"""of the receiver's reported accuracy: how much of it is slow, how much is new at each node"""
+FITS = 2
+CREDIBLE_SD_M = 6.6
+"""largest slow error of a receiver that reports less: 13 m (95 %), the global average that the GPS
+Standard Positioning Service Performance Standard of 2020 allows"""
+BARO_WHITE_M, JITTER_S, MEAN_S = 0.7, 0.3, 5.0
+"""noise of a mean over `MEAN_S`: white, and for each metre per second of climb"""
+PLAIN, RTK = (2.5, 0.6), (0.05, 0.05)
+"""least slow error and least white noise (m) of a plain fix, and of an RTK one"""
+RTK_FLOAT = 5
+"""fix type from which a fix is an RTK one"""
 FIRST_FIXES = 9
 """whose median is where the altitude begins"""
 GATE = 5.0
 """innovations beyond this many standard deviations lose weight"""
+SLOPE_NODES = 5
 G0 = 9.80665
 
 
 @dataclass(frozen=True)
 class Measured:
     """What is smoothed: one barometer and one receiver with a fix. Times in microseconds of one
-    clock; shape (n,) and (m,)."""
+    clock; shape (n,), (m,) and (k,)."""
 
     baro_us: Array
     baro_m: Array
@@ -77,37 +97,39 @@ class Measured:
     gnss_m: Array
     gnss_sd_m: Array
     """as the receiver reports it"""
+    fix_type: Array
     ground_speed_mps: Array
+    air_us: Array
+    airspeed_mps: Array
+    """calibrated; may be empty"""
 
 
 def measured_of(log: SampleLog) -> Measured:
-    """The first barometer and the first receiver of a log."""
-    baro, gnss = log[Kind.PRESSURE], log[Kind.GNSS]
-    baro = baro[np.asarray(baro["instance"]) == 0]
+    """The first barometer, receiver and airspeed of a log."""
+    baro, gnss, air = log[Kind.PRESSURE], log[Kind.GNSS], log[Kind.AIRSPEED]
+    baro, air = (each[np.asarray(each["instance"]) == 0] for each in (baro, air))
     gnss = gnss[(np.asarray(gnss["instance"]) == 0) & (np.asarray(gnss["fix_type"]) >= 3)]
-    sd, vdop, hdop = (np.asarray(gnss[name]) for name in ("vertical_sd_m", "vdop", "hdop"))
-    told_m = np.where(vdop > 0, 2.5 * vdop, np.where(hdop > 0, 5.0 * hdop, UNKNOWN_GNSS_SD_M))
     return Measured(
         np.asarray(baro["time_us"], np.float64),
         baro_altitude_array(baro["pressure_pa"]),
         np.asarray(gnss["time_us"], np.float64),
         np.asarray(gnss["altitude_amsl_m"]),
-        np.where(sd > 0, sd, told_m),
+        gnss_sd_array(gnss, 0.0, UNKNOWN_GNSS_SD_M),
+        np.asarray(gnss["fix_type"], np.float64),
         np.asarray(gnss["ground_speed_mps"]),
+        np.asarray(air["time_us"], np.float64),
+        np.asarray(air["airspeed_mps"]),
     )
 
 
 @dataclass(frozen=True)
 class Smoothed:
-    """Altitude, climb and their standard deviations at the nodes, shape (n,) each."""
+    """Altitude with its standard deviation, and climb, at the nodes, shape (n,) each."""
 
     time_us: Array
     altitude_m: Array
     climb_mps: Array
     sd_m: Array
-    climb_sd_mps: Array
-    offset_m: Array
-    """of the barometer: what it reads too high, without scale, port and lag"""
 
     def at(self, time_us: Array) -> Array:
         """Altitude at other times, shape of `time_us`; NaN outside the nodes."""
@@ -123,25 +145,38 @@ class _Nodes:
     """Measurements on the grid; NaN where a node has none."""
 
     time_s: Array
+    step_s: float
     baro_m: Array
-    baro_count: Array
     gnss_m: Array
     gnss_sd_m: Array
-    head_m: Array
-    """dynamic pressure head V^2 / 2g"""
-    rate_mps: Array
-    """change of the barometer's height"""
+    least_m: tuple[float, float]
+    """least slow error and least white noise of the receiver"""
+    speed_mps: Array
+    """true airspeed, or the ground speed"""
+    slope_mps: Array
+    """of the barometer's height"""
+
+    @property
+    def first_m(self) -> float:
+        """First height of the barometer."""
+        return float(self.baro_m[np.isfinite(self.baro_m)][0])
+
+    @property
+    def claim_m(self) -> float:
+        """What the receiver reports as its accuracy."""
+        return float(np.median(self.gnss_sd_m[np.isfinite(self.gnss_m)]))
 
 
 class _Pass(NamedTuple):
-    """A filter over the nodes: means and covariances after and before each update."""
+    """Smoothed means (n, s) and covariances (n, s, s)."""
 
-    log_likelihood: float
-    F: Array
     means: NDArray[Any]
     covariances: NDArray[Any]
-    predicted: NDArray[Any]
-    predicted_p: NDArray[Any]
+
+    @property
+    def slow_sd_m(self) -> float:
+        """Root mean square of the receiver's slow error, what is unknown of it included."""
+        return float(np.sqrt(np.mean(self.means[:, G] ** 2 + self.covariances[:, G, G])))
 
 
 def smooth(measured: Measured) -> Smoothed | None:
@@ -149,17 +184,25 @@ def smooth(measured: Measured) -> Smoothed | None:
     nodes = _nodes(measured)
     if nodes is None:
         return None
-    passes = [_forward(nodes, weather) for weather in WEATHERS]
-    best = max(passes, key=lambda each: each.log_likelihood)
-    means, covariances = best.means, best.covariances
-    scratch = np.zeros((2, SIZE, SIZE)), np.zeros((SIZE, SIZE))
-    backward(best.F, means, covariances, best.predicted, best.predicted_p, *scratch)
+    means, covariances = _best(nodes)
     altitude_m = means[:, H].copy()
     altitude_m[_in_gap(nodes)] = np.nan
-    spread = np.sqrt(np.maximum(covariances[:, [H, V], [H, V]], 0.0))
-    return Smoothed(
-        nodes.time_s * 1e6, altitude_m, means[:, V], spread[:, 0], spread[:, 1], means[:, B]
-    )
+    sd_m = np.sqrt(np.maximum(covariances[:, H, H], 0.0))
+    return Smoothed(nodes.time_s * 1e6, altitude_m, means[:, V], sd_m)
+
+
+def _best(nodes: _Nodes) -> _Pass:
+    """The smoother under the calmest weather with a receiver's error that is credible."""
+    least_slow_m = nodes.least_m[0]
+    credible_m = max(nodes.claim_m, CREDIBLE_SD_M * least_slow_m / PLAIN[0])
+    for weather in WEATHERS:
+        slow_sd_m = max(SLOW_SHARE * nodes.claim_m, least_slow_m)
+        for _ in range(1 + FITS):
+            found = _smoothed(nodes, weather, slow_sd_m)
+            slow_sd_m = max(found.slow_sd_m, RTK[0])
+        if slow_sd_m <= credible_m:
+            break
+    return found
 
 
 def _nodes(measured: Measured) -> _Nodes | None:
@@ -168,79 +211,101 @@ def _nodes(measured: Measured) -> _Nodes | None:
     if baro.sum() < 2 or gnss.sum() < 2:
         return None
     times_us = np.concatenate([measured.baro_us[baro], measured.gnss_us[gnss]])
-    start_s, end_s = times_us.min() * 1e-6, times_us.max() * 1e-6
-    count = int((end_s - start_s) / STEP_S) + 1
-    if count > MOST_NODES:
+    start_s, span_s = times_us.min() * 1e-6, np.ptp(times_us) * 1e-6
+    if span_s > LONGEST_S:
         return None
-    time_s = start_s + STEP_S * np.arange(count)
-    baro_m, baro_count = _mean(measured.baro_m, measured.baro_us, start_s, count)
-    gnss_m, _ = _mean(measured.gnss_m, measured.gnss_us, start_s, count)
-    gnss_sd_m, _ = _mean(measured.gnss_sd_m, measured.gnss_us, start_s, count)
-    speed, _ = _mean(measured.ground_speed_mps, measured.gnss_us, start_s, count)
-    known = np.isfinite(speed)
-    speed = np.interp(time_s, time_s[known], speed[known]) if known.any() else np.zeros(count)
+    step_s = max(STEP_S, span_s / MOST_NODES)
+    time_s = start_s + step_s * np.arange(int(span_s / step_s) + 1)
+    baro_m = _mean(measured.baro_m, measured.baro_us, time_s, step_s)
     known = np.isfinite(baro_m)
     filled_m = np.interp(time_s, time_s[known], baro_m[known])
-    rate_mps = np.gradient(filled_m, STEP_S) if count > 1 else np.zeros(count)
-    return _Nodes(time_s, baro_m, baro_count, gnss_m, gnss_sd_m, speed**2 / (2 * G0), rate_mps)
+    sd_m = _mean(measured.gnss_sd_m, measured.gnss_us, time_s, step_s)
+    least_m = RTK if np.median(measured.fix_type[gnss]) >= RTK_FLOAT else PLAIN
+    return _Nodes(
+        time_s,
+        step_s,
+        baro_m,
+        _mean(measured.gnss_m, measured.gnss_us, time_s, step_s),
+        np.where(np.isfinite(sd_m), sd_m, UNKNOWN_GNSS_SD_M),
+        least_m,
+        _speed(measured, time_s, step_s, filled_m),
+        _slope(filled_m, step_s),
+    )
 
 
-def _mean(values: Any, time_us: Any, start_s: float, count: int) -> tuple[Array, Array]:
-    """Mean and number of the values nearest to each node; NaN where there are none."""
-    values = np.asarray(values, np.float64)
-    node = np.rint((np.asarray(time_us, np.float64) * 1e-6 - start_s) / STEP_S).astype(np.int64)
+def _mean(values: Any, time_us: Any, time_s: Array, step_s: float) -> Array:
+    """Mean of the values nearest to each node; NaN where there are none."""
+    values, count = np.asarray(values, np.float64), time_s.size
+    node = np.rint((np.asarray(time_us, np.float64) * 1e-6 - time_s[0]) / step_s).astype(np.int64)
     known = np.isfinite(values) & (node >= 0) & (node < count)
     total = np.bincount(node[known], values[known], count)
-    number = np.bincount(node[known], minlength=count).astype(np.float64)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return total / number, number
+    with np.errstate(invalid="ignore"):
+        return np.asarray(total / np.bincount(node[known], minlength=count))
 
 
-def _forward(nodes: _Nodes, weather: tuple[float, float, float]) -> _Pass:
-    """The Kalman filter over the nodes."""
+def _speed(measured: Measured, time_s: Array, step_s: float, baro_m: Array) -> Array:
+    """True airspeed where a calibrated one is known, else the ground speed, else 0."""
+    density = np.maximum(0.1, (1.0 - 2.25577e-5 * baro_m)) ** 4.2559  # share of sea level's
+    air = _mean(measured.airspeed_mps, measured.air_us, time_s, step_s) / np.sqrt(density)
+    ground = _mean(measured.ground_speed_mps, measured.gnss_us, time_s, step_s)
+    for speed in (air, ground):
+        known = np.isfinite(speed)
+        if np.any(speed[known] > 0.0):
+            return np.interp(time_s, time_s[known], speed[known])
+    return np.zeros(time_s.size)
+
+
+def _slope(height_m: Array, step_s: float) -> Array:
+    """Slope over `SLOPE_NODES`: the barometer's own noise must not be taken for climb."""
+    if height_m.size < 2:
+        return np.zeros(height_m.size)
+    weights = np.full(SLOPE_NODES, 1.0 / SLOPE_NODES)
+    padded = np.pad(np.gradient(height_m, step_s), SLOPE_NODES // 2, mode="edge")
+    return np.convolve(padded, weights, mode="valid")
+
+
+def _smoothed(nodes: _Nodes, weather: tuple[float, float], slow_sd_m: float) -> _Pass:
+    """Filter forward over the nodes, then smooth backward."""
     count = nodes.time_s.size
-    F, Q = _model(weather)
-    sd = np.maximum(np.where(np.isfinite(nodes.gnss_sd_m), nodes.gnss_sd_m, 0), LEAST_GNSS_SD_M)
-    slow_sd_m = SLOW_SHARE * float(np.median(sd[np.isfinite(nodes.gnss_m)]))
-    Q[G, G] = slow_sd_m**2 * (1 - F[G, G] ** 2)
-    baro0 = nodes.baro_m[np.isfinite(nodes.baro_m)][0]
-    x = np.zeros(SIZE)
-    x[H] = np.median(nodes.gnss_m[np.isfinite(nodes.gnss_m)][:FIRST_FIXES])
-    x[B] = baro0 - x[H]
-    P = np.diag(np.square(START_SD))
-    P[D, D], P[G, G] = weather[0] ** 2, slow_sd_m**2
+    F, Q, x, P = _model(nodes, weather, slow_sd_m)
     h, R = np.zeros((count, 2, SIZE)), np.zeros((count, 2))
     h[:, 0, [H, G]] = 1.0
     h[:, 1, [H, B, E]] = 1.0
-    h[:, 1, S] = np.nan_to_num(nodes.baro_m - baro0)
-    h[:, 1, K], h[:, 1, L] = nodes.head_m, -nodes.rate_mps
-    R[:, 0] = (WHITE_SHARE * sd) ** 2
-    R[:, 1] = BARO_WHITE_M**2 + (JITTER_S * nodes.rate_mps) ** 2
+    h[:, 1, S] = np.nan_to_num(nodes.baro_m - nodes.first_m)
+    h[:, 1, K] = nodes.speed_mps**2 / (2.0 * G0)
+    h[:, 1, C] = np.minimum(1.0, (nodes.speed_mps / LIFT_MPS) ** 2)
+    h[:, 1, L] = -nodes.slope_mps
+    R[:, 0] = np.maximum(WHITE_SHARE * nodes.gnss_sd_m, nodes.least_m[1]) ** 2
+    noise_m2 = BARO_WHITE_M**2 + (JITTER_S * nodes.slope_mps) ** 2
+    R[:, 1] = noise_m2 * max(1.0, MEAN_S / nodes.step_s)
     z = np.stack([nodes.gnss_m, nodes.baro_m], axis=1)
     means, covariances = np.zeros((count, SIZE)), np.zeros((count, SIZE, SIZE))
     predicted, predicted_p = np.zeros_like(means), np.zeros_like(covariances)
     kept = (means, covariances, predicted, predicted_p)
-    log_likelihood = forward(F, Q, x, P, h, z, R, GATE, *kept, np.zeros((SIZE, SIZE)))
-    return _Pass(log_likelihood, F, *kept)
+    forward(F, Q, x, P, h, z, R, GATE, *kept, np.zeros((SIZE, SIZE)))
+    backward(F, *kept, np.zeros((2, SIZE, SIZE)), np.zeros((SIZE, SIZE)))
+    return _Pass(means, covariances)
 
 
-def _model(weather: tuple[float, float, float]) -> tuple[Array, Array]:
-    """Transition and process noise of one step."""
-    drift_sd_mps, offset_walk, scale_walk = weather
-    F, Q = np.eye(SIZE), np.zeros((SIZE, SIZE))
-    F[H, V] = STEP_S
-    F[B, D] = STEP_S
-    F[D, D] = np.exp(-STEP_S / DRIFT_S)
-    F[G, G] = np.exp(-STEP_S / GNSS_SLOW_S)
-    F[E, E] = np.exp(-STEP_S / FAST_S)
-    Q[E, E] = FAST_SD_M**2 * (1 - F[E, E] ** 2)
-    q = CLIMB_WALK**2
-    Q[H, H], Q[V, V] = q * STEP_S**3 / 3, q * STEP_S
-    Q[H, V] = Q[V, H] = q * STEP_S**2 / 2
-    Q[B, B] = offset_walk**2 * STEP_S
-    Q[D, D] = drift_sd_mps**2 * (1 - F[D, D] ** 2)
-    Q[S, S] = scale_walk**2 * STEP_S
-    return F, Q
+def _model(
+    nodes: _Nodes, weather: tuple[float, float], slow_sd_m: float
+) -> tuple[Array, Array, Array, Array]:
+    """Transition and process noise of one step; state and covariance before the first node."""
+    step_s = nodes.step_s
+    F, Q, x, P = np.eye(SIZE), np.zeros((SIZE, SIZE)), np.zeros(SIZE), np.zeros((SIZE, SIZE))
+    for i, sd in START_SD.items():
+        P[i, i] = sd**2
+    for i, sd, time_s in ((D, *weather), (G, slow_sd_m, GNSS_SLOW_S), (E, FAST_SD_M, FAST_S)):
+        F[i, i], P[i, i] = np.exp(-step_s / time_s), sd**2
+        Q[i, i] = sd**2 * (1.0 - F[i, i] ** 2)
+    P[H, H] += slow_sd_m**2
+    F[H, V] = F[B, D] = step_s
+    Q[H, H], Q[V, V] = CLIMB_PSD_M2PS3 * step_s**3 / 3.0, CLIMB_PSD_M2PS3 * step_s
+    Q[H, V] = Q[V, H] = CLIMB_PSD_M2PS3 * step_s**2 / 2.0
+    Q[B, B], Q[S, S] = OFFSET_WALK**2 * step_s, SCALE_WALK**2 * step_s
+    x[H] = np.median(nodes.gnss_m[np.isfinite(nodes.gnss_m)][:FIRST_FIXES])
+    x[B] = nodes.first_m - x[H]
+    return F, Q, x, P
 
 
 def _in_gap(nodes: _Nodes) -> NDArray[np.bool_]:
@@ -249,4 +314,4 @@ def _in_gap(nodes: _Nodes) -> NDArray[np.bool_]:
     places = np.flatnonzero(known)
     after = places[np.minimum(np.searchsorted(places, np.arange(known.size)), places.size - 1)]
     before = places[np.maximum(np.searchsorted(places, np.arange(known.size), "right") - 1, 0)]
-    return np.asarray((after - before) * STEP_S > LONGEST_GAP_S)
+    return np.asarray((after - before) * nodes.step_s > LONGEST_GAP_S)

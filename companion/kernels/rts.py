@@ -26,8 +26,8 @@ def forward(
     predicted: Rows,
     predicted_p: Rows,
     work: Rows,
-) -> float:
-    """Filter forward; the log-likelihood of the innovations.
+) -> None:
+    """Filter forward.
 
     Parameters
     ----------
@@ -41,7 +41,6 @@ def forward(
     work : shape (s, s), scratch.
     """
     s = x.shape[0]
-    likelihood = 0.0
     for node in range(z.shape[0]):
         if node > 0:
             _predict(F, Q, x, P, work)
@@ -51,12 +50,11 @@ def forward(
                 predicted_p[node, i, j] = P[i, j]
         for k in range(z.shape[1]):
             if not math.isnan(z[node, k]):
-                likelihood += _update(x, P, h[node, k], z[node, k], R[node, k], gate, work)
+                _update(x, P, h[node, k], z[node, k], R[node, k], gate, work)
         for i in range(s):
             means[node, i] = x[i]
             for j in range(s):
                 covariances[node, i, j] = P[i, j]
-    return likelihood
 
 
 @step
@@ -87,8 +85,8 @@ def _predict(F: Rows, Q: Rows, x: Rows, P: Rows, work: Rows) -> None:
 @step
 def _update(
     x: Rows, P: Rows, h: Rows, value: float, variance: float, gate: float, work: Rows
-) -> float:
-    """Use one scalar measurement; the log-likelihood of its innovation, without the constant."""
+) -> None:
+    """Use one scalar measurement."""
     s = x.shape[0]
     innovation, total = value, variance
     for i in range(s):
@@ -98,17 +96,13 @@ def _update(
             work[0, i] += P[i, j] * h[j]
     for i in range(s):
         total += h[i] * work[0, i]
-    square = innovation * innovation / total
-    likelihood = -0.5 * (min(square, gate * gate) + math.log(total))
-    if square > gate * gate:
-        total = innovation * innovation / (gate * gate)
+    total = max(total, innovation * innovation / (gate * gate))
     for i in range(s):
         x[i] += work[0, i] * innovation / total
     for i in range(s):
         for j in range(i, s):
             P[i, j] -= work[0, i] * work[0, j] / total
             P[j, i] = P[i, j]
-    return likelihood
 
 
 @step

@@ -2,8 +2,7 @@
 
 import contextlib
 import stat
-from collections import Counter
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple, Protocol, Self
 
@@ -11,31 +10,13 @@ from companion.errors import LogFormatError
 from companion.logs import dataflash, raw, ulog
 from companion.logs.dataflash import BinReader, TextReader
 from companion.logs.raw import RawReader
+from companion.logs.reader import LogReader
 from companion.logs.tlog import TlogReader, TlogWriter
 from companion.logs.ulog import UlogReader
-from companion.mavlink.codec import FrameReject
-from companion.recorded import Item
 
 __all__ = ["FORMATS", "Format", "LogReader", "LogWriter", "open_log"]
 
 HEAD_BYTES = 1 << 14
-
-
-class LogReader(Protocol):
-    """Items in file order; every iteration starts anew."""
-
-    path: Path
-    counters: Counter[FrameReject]
-    """what was left out in the current iteration, by cause"""
-    size_bytes: int
-    position_bytes: int
-    frames: int
-    """items given in the current iteration"""
-
-    def items(self, wanted: Collection[int] = ()) -> Iterator[tuple[int, Item]]:
-        """(arrival_us, item) in the order of the file; arrival is UNIX time, or boot time where the
-        log does not know the date. Frames of the `wanted` MAVLink kinds may carry their message."""
-        ...
 
 
 class LogWriter(Protocol):

@@ -10,9 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.logs.tables import Heights, Table, Tables, Throttles, changes, utc_offset_us
+from companion.logs.tables import Tables, changes, heights, sensor, utc_offset_us
 from companion.mavlink.codec import mavlink
 from companion.mavlink.convert import ZERO_CELSIUS_K
+from companion.mavlink.reading_columns import Readings
+from companion.recorded import Heights, Throttles
 from companion.samples import Kind
 
 GPS_EPOCH_S = 315_964_800
@@ -93,7 +95,7 @@ def _placed(found: Columns) -> Columns:
     return found.where(found.time_us >= 0) if has_time else found
 
 
-def _instances(found: Columns | None, number: int, make: Any) -> list[Table]:
+def _instances(found: Columns | None, number: int, make: Any) -> list[Readings]:
     """One table for each instance that a message tells, `number` when it does not tell."""
     if found is None or not found.place.size or found.time_us[0] < 0:
         return []
@@ -105,9 +107,9 @@ def _instances(found: Columns | None, number: int, make: Any) -> list[Table]:
     return [_table(make(part), part, instance) for instance, part in parts.items()]
 
 
-def _table(made: tuple[Kind, tuple[Any, ...]], found: Columns, instance: int) -> Table:
+def _table(made: tuple[Kind, tuple[Any, ...]], found: Columns, instance: int) -> Readings:
     kind, values = made
-    return Table(kind, found.place, found.time_us, instance, values)
+    return sensor(kind, found.place, found.time_us, instance, values)
 
 
 def _barometer(found: Columns) -> tuple[Kind, tuple[Any, ...]]:
@@ -260,7 +262,7 @@ def _landed(tables: Tables, events: Columns | None) -> None:
     if chosen.place.size:
         count, landed = chosen.place.size, chosen.integers("Id", -1) == EV_LANDED
         values = (np.full(count, -1), landed.astype(np.int64), np.zeros(count, np.int64))
-        tables.sensors.append(Table(Kind.STATUS, chosen.place, chosen.time_us, 0, values))
+        tables.sensors.append(sensor(Kind.STATUS, chosen.place, chosen.time_us, 0, values))
 
 
 def _heights(messages: dict[str, Columns]) -> list[Heights]:
@@ -268,13 +270,13 @@ def _heights(messages: dict[str, Columns]) -> list[Heights]:
     truth = messages.get("SIM")
     if truth is not None and truth.place.size:
         climb = _climb_at(messages.get("SIM2"), "VD", truth.time_us)
-        found.append(Heights(True, truth.place, truth.time_us, truth.floats("Alt"), climb))
+        found.append(heights(truth.place, truth.time_us, truth.floats("Alt"), climb, is_truth=True))
     for name in ("POS", "AHR2"):
         own = messages.get(name)
         if own is not None and own.place.size:
             state = messages.get("XKF1", messages.get("NKF1"))
             climb = _climb_at(state, "VD", own.time_us)
-            found.append(Heights(False, own.place, own.time_us, own.floats("Alt"), climb))
+            found.append(heights(own.place, own.time_us, own.floats("Alt"), climb, is_truth=False))
             break
     return found
 
@@ -286,7 +288,8 @@ def _throttles(found: Columns | None) -> list[Throttles]:
     share = np.maximum(found.floats("ThO", "ThrOut"), 0.0)
     largest = float(np.nanmax(share, initial=0.0))
     scale = 1.0 if largest <= 1.5 else 100.0 if largest <= 150.0 else 1000.0
-    return [Throttles(found.place, found.time_us, share / scale)]
+    known = np.isfinite(share)
+    return [Throttles(found.place[known], found.time_us[known], share[known] / scale)]
 
 
 def _climb_at(state: Columns | None, label: str, time_us: NDArray[np.int64]) -> Any:

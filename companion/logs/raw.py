@@ -4,17 +4,25 @@ The vehicle's own boot stamps are the only clock there is: a frame arrives at th
 heard from its sender's system, and what has no stamp arrives with the frame before it.
 """
 
-from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from pathlib import Path
+from typing import cast
+
+import numpy as np
 
 from companion.errors import LogFormatError
 from companion.logs.files import opened, read
-from companion.mavlink.codec import Decoder, Frame, FrameReject
-from companion.mavlink.columns import boot_stamp_us
-from companion.samples import Packet
+from companion.logs.reader import LogReader
+from companion.mavlink.codec import Decoder, Frame, mavlink
+from companion.mavlink.columns import BOOT_STAMP, columns, has_boot_stamp, tables
+from companion.mavlink.record_scan import INDEX, scan_records
+from companion.recorded import Batch
+from companion.samples import Packet, Rows, rows
 
-CHUNK = 1 << 18
+CHUNK = 1 << 20
+PIECE = 1024
+"""bytes that the decoder gets at a time, around a damaged place"""
+SMALLEST_FRAME = 8
 PROBE_BYTES = 1 << 18
 FEWEST_FRAMES = 3
 LOWEST_SHARE = 0.5
@@ -42,17 +50,14 @@ def _share_apart(head: bytes, gap_bytes: int) -> float:
     return apart / (len(frames) - 1) if len(frames) >= FEWEST_FRAMES else 0.0
 
 
-class RawReader:
-    """The good frames of a raw capture in file order. Every iteration starts anew.
+class RawReader(LogReader):
+    """The good frames of a raw capture in file order.
 
-    ``counters`` tell what was left out in the current iteration, by cause. Raises `LogFormatError`
-    when the file cannot be read or holds no MAVLink frame.
+    Raises `LogFormatError` when the file cannot be read or holds no MAVLink frame.
     """
 
     def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
-        self.counters: Counter[FrameReject] = Counter()
-        self.position_bytes = self.frames = 0
+        super().__init__(path)
         with opened(self.path) as file:
             head = read(file, self.path, PROBE_BYTES)
             self.size_bytes = self.path.stat().st_size
@@ -65,20 +70,68 @@ class RawReader:
 
     def __iter__(self) -> Iterator[Packet]:
         for time_us, frame in self.items():
-            yield Packet(time_us, frame.data)
+            yield Packet(time_us, cast(Frame, frame).data)
 
-    def items(self, wanted: Collection[int] = ()) -> Iterator[tuple[int, Frame]]:
-        """(time_us, frame) of every good frame; the time is the vehicle's boot clock."""
+    def batches(self) -> Iterator[Batch]:
+        """The good frames of one chunk of the file after the other; their time is the vehicle's
+        boot clock."""
         decoder, now_us = Decoder(), 0
         self.counters = decoder.counters
-        self.position_bytes = self.frames = 0
+        self.position_bytes = self.frames = read_bytes = 0
         with opened(self.path) as file:
             while True:
                 chunk = read(file, self.path, CHUNK)
-                for frame in decoder.feed(chunk) if chunk else decoder.flush():
-                    now_us = boot_stamp_us(frame, now_us)
-                    self.frames += 1
-                    yield now_us, frame
-                self.position_bytes += len(chunk)
+                read_bytes += len(chunk)
+                buffer, index = indexed(b"".join(_frames_of(decoder, chunk)))
+                now_us = _stamp(buffer, index, now_us)
+                times_us = np.ascontiguousarray(index["time_us"])
+                ends = np.full(index.size, read_bytes)
+                yield Batch(times_us, ends, read_bytes, buffer, index)
                 if not chunk:
                     return
+
+
+def _frames_of(decoder: Decoder, chunk: bytes) -> Iterator[bytes]:
+    """The bytes of the frames that are complete with `chunk`, without what is between them; those
+    that are left if it is empty.
+
+    Whole frames are found by the compiled scan; a damaged place is left to `decoder`, which also
+    keeps what is cut at the end of the chunk.
+    """
+    data, offset = np.frombuffer(chunk, np.uint8), 0
+    index = rows(INDEX, len(chunk) // SMALLEST_FRAME + 1)
+    while offset < len(chunk):
+        kept = decoder.put_back(offset)
+        if kept >= 0:
+            offset -= kept
+            _, stop = scan_records(data, offset, len(chunk), 0, 0, 0, *tables(), index, 0)
+            yield chunk[offset:stop]
+            offset = stop
+        piece = chunk[offset : offset + PIECE]
+        offset += len(piece)
+        yield from (frame.data for frame in decoder.feed(piece))
+    if not chunk:
+        yield from (frame.data for frame in decoder.flush())
+
+
+def indexed(frames: bytes) -> tuple[bytes, Rows]:
+    """Good frames that follow each other, with their INDEX rows."""
+    index = rows(INDEX, len(frames) // SMALLEST_FRAME + 1)
+    data = np.frombuffer(frames, np.uint8)
+    count, _ = scan_records(data, 0, len(frames), 0, 0, 0, *tables(), index, 0)
+    return frames, index[:count]
+
+
+def _stamp(buffer: bytes, index: Rows, now_us: int) -> int:
+    """Fill in the times of frames; the newest time."""
+    stamps = np.full(index.size, -1)
+    data = np.frombuffer(buffer, np.uint8)
+    is_autopilot = index["component_id"] == mavlink.MAV_COMP_ID_AUTOPILOT1
+    for message_id in np.unique(index["message_id"][is_autopilot]).tolist():
+        if has_boot_stamp(message_id):
+            where = np.flatnonzero(is_autopilot & (index["message_id"] == message_id))
+            boot_ms = columns(data, index[where], message_id)[BOOT_STAMP]
+            stamps[where] = boot_ms.astype(np.int64) * 1000
+    newest = np.maximum.accumulate(np.where(stamps >= 0, np.arange(index.size), -1))
+    index["time_us"] = np.where(newest >= 0, stamps[newest], now_us)
+    return int(index["time_us"][-1]) if index.size else now_us

@@ -1,75 +1,72 @@
 """Logs of an autopilot as tables of columns, and their rows as items in the order of the file.
 
-A reader fills `Tables` with one `Table` a sensor; `items` merges them by their place in the file. A
-HEARTBEAT of the vehicle goes out once a second of boot time, armed as the log says.
+A reader fills `Tables` with the readings of each sensor, whose places are those in the file;
+`TableReader` merges them by these. A HEARTBEAT of the vehicle goes out once a second of boot time,
+armed as the log says.
 """
 
-import heapq
-import math
-from bisect import bisect_right
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.mavlink.codec import Encoder, Frame, FrameReject, mavlink, scan
-from companion.mavlink.convert import Reading, TimeBase
-from companion.recorded import Height, Item, Sensed, Throttle
-from companion.samples import Kind
+from companion.logs.raw import indexed
+from companion.logs.reader import LogReader
+from companion.mavlink.codec import Encoder, FrameReject, Message, mavlink
+from companion.mavlink.convert import TimeBase
+from companion.mavlink.reading_columns import Readings
+from companion.recorded import Batch, Heights, Places, Throttles
+from companion.samples import DTYPES, HEIGHT, Kind, rows
 
 Array = NDArray[np.float64]
 FIRST_SOURCE = 1 << 24
 """above every MAVLink message id"""
-CHUNK = 4096
+CHUNK = 1 << 16
+"""items of a batch"""
 HEARTBEAT_US = 1_000_000
 UNIX_US = 1_000_000_000_000_000
 """A time above this counts from 1970, not from boot."""
 
 
-@dataclass(frozen=True)
-class Table:
-    """The readings of one sensor."""
+def sensor(
+    kind: Kind, places: Places, time_us: Places, instance: int, values: tuple[Any, ...]
+) -> Readings:
+    """The readings of one sensor.
 
-    kind: Kind
-    place: NDArray[np.int64]
-    """of each row in the file, shape (n,), increasing"""
-    time_us: NDArray[np.int64]
-    """since boot, shape (n,)"""
-    instance: int
-    values: tuple[Any, ...]
-    """the columns behind ``instance`` of the kind's dtype; shape (n,) or (n, 3) each"""
-
-
-@dataclass(frozen=True)
-class Heights:
-    """Altitudes to compare with."""
-
-    is_truth: bool
-    place: NDArray[np.int64]
-    time_us: NDArray[np.int64]
-    altitude_amsl_m: Array
-    climb_mps: Array
+    Parameters
+    ----------
+    places : of each row in the file, shape (n,), increasing.
+    time_us : since boot, shape (n,).
+    values : the columns behind ``instance`` of the kind's dtype; shape (n,) or (n, 3) each.
+    """
+    samples = rows(DTYPES[kind], places.size)
+    samples["instance"] = instance
+    for name, column in zip((samples.dtype.names or ())[3:], values, strict=False):
+        is_float = column.dtype.kind == "f"
+        samples[name] = np.where(np.isfinite(column), column, np.nan) if is_float else column
+    return Readings(kind, TimeBase.BOOT, places, time_us, samples)
 
 
-@dataclass(frozen=True)
-class Throttles:
-    """What was asked of the motors."""
-
-    place: NDArray[np.int64]
-    time_us: NDArray[np.int64]
-    share: Array
-    """0 to 1"""
+def heights(
+    places: Places, time_us: Places, altitude_m: Array, climb_mps: Array, *, is_truth: bool
+) -> Heights:
+    """Altitudes to compare with; those that are unknown are left out."""
+    known = np.isfinite(altitude_m)
+    found = np.zeros(int(known.sum()), HEIGHT)
+    found["time_us"], found["altitude_amsl_m"] = time_us[known], altitude_m[known]
+    found["climb_mps"] = climb_mps[known]
+    return Heights(is_truth, places[known], found)
 
 
 @dataclass
 class Tables:
     """What a reader found in one log."""
 
-    sensors: list[Table] = field(default_factory=list)
+    sensors: list[Readings] = field(default_factory=list)
     heights: list[Heights] = field(default_factory=list)
     throttles: list[Throttles] = field(default_factory=list)
     armed: list[tuple[int, bool]] = field(default_factory=list)
@@ -85,48 +82,41 @@ class Tables:
     texts: list[tuple[int, str]] = field(default_factory=list)
     """(time_us since boot, what the autopilot said)"""
 
-    def items(self) -> Iterator[tuple[int, int, Item]]:
-        """(place in the file, arrival_us, item) in the order of the file."""
-        streams = [
-            _readings(table, FIRST_SOURCE + number, number)
-            for number, table in enumerate(self.sensors)
-        ]
-        first = len(self.sensors)
-        streams += [_heights(each, first + number) for number, each in enumerate(self.heights)]
-        first += len(self.heights)
-        streams += [_throttles(each, first + number) for number, each in enumerate(self.throttles)]
-        encoder = Encoder(self.system_id, mavlink.MAV_COMP_ID_AUTOPILOT1)
-        beat_us = -HEARTBEAT_US
-        for (place, _), time_us, item in heapq.merge(*streams, key=lambda entry: entry[0]):
-            if not beat_us <= time_us < beat_us + HEARTBEAT_US:
-                beat_us = time_us
-                yield place, time_us + self.utc_offset_us, self._heartbeat(encoder, time_us)
-            yield place, time_us + self.utc_offset_us, item
+    def columns(self) -> list[Readings | Heights | Throttles]:
+        """All that has a place in the file."""
+        return [*self.sensors, *self.heights, *self.throttles]
 
-    def _heartbeat(self, encoder: Encoder, time_us: int) -> Frame:
-        changes = bisect_right(self.armed, time_us, key=lambda change: change[0])
-        armed = self.armed[changes - 1][1] if changes else False
-        message = mavlink.MAVLink_heartbeat_message(
-            self.vehicle_type,
-            self.autopilot,
-            mavlink.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0,
-            0,
-            mavlink.MAV_STATE_ACTIVE,
-            3,
-        )
-        frame = scan(encoder.encode(message))
-        assert isinstance(frame, Frame)
-        return frame._replace(message=message)
+    def heartbeats(self, times_us: Places) -> bytes:
+        """The frames of the vehicle's HEARTBEAT at these times."""
+        changes_us = np.array([time_us for time_us, _ in self.armed], np.int64)
+        states = np.array([False, *(armed for _, armed in self.armed)])
+        encoder = Encoder(self.system_id, mavlink.MAV_COMP_ID_AUTOPILOT1)
+        armed = states[np.searchsorted(changes_us, times_us, side="right")]
+        return b"".join(encoder.encode(self._heartbeat(state)) for state in armed.tolist())
+
+    def _heartbeat(self, armed: bool) -> Message:
+        mode = mavlink.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0
+        kind, autopilot = self.vehicle_type, self.autopilot
+        state = mavlink.MAV_STATE_ACTIVE
+        return mavlink.MAVLink_heartbeat_message(kind, autopilot, mode, 0, state, 3)
+
+
+def time_of(columns: Readings | Heights | Throttles) -> Places:
+    """The time of each row, since boot."""
+    if isinstance(columns, Readings):
+        return columns.stamp_us
+    return np.asarray(columns.rows["time_us"]) if isinstance(columns, Heights) else columns.time_us
 
 
 def _since_start(tables: Tables) -> Tables:
     """With times from the first row on, where they count from 1970 as a simulator's may."""
-    first_us = min((int(table.time_us.min()) for table in tables.sensors), default=0)
+    first_us = min((int(each.stamp_us.min()) for each in tables.sensors), default=0)
     if first_us < UNIX_US:
         return tables
-    tables.sensors = [replace(each, time_us=each.time_us - first_us) for each in tables.sensors]
-    tables.heights = [replace(each, time_us=each.time_us - first_us) for each in tables.heights]
-    tables.throttles = [replace(each, time_us=each.time_us - first_us) for each in tables.throttles]
+    tables.sensors = [each._replace(stamp_us=each.stamp_us - first_us) for each in tables.sensors]
+    for each in tables.heights:
+        each.rows["time_us"] -= first_us
+    tables.throttles = [e._replace(time_us=e.time_us - first_us) for e in tables.throttles]
     tables.armed = [(time_us - first_us, armed) for time_us, armed in tables.armed]
     tables.modes = [(time_us - first_us, mode) for time_us, mode in tables.modes]
     tables.texts = [(time_us - first_us, text) for time_us, text in tables.texts]
@@ -134,66 +124,72 @@ def _since_start(tables: Tables) -> Tables:
     return tables
 
 
-class TableReader:
-    """A log of tables as a reader: items in the order of the file. Every iteration starts anew.
-
-    ``counters`` tell what was left out, by cause; ``position_bytes`` how far the iteration is.
-    """
+class TableReader(LogReader):
+    """A log of tables as a reader: items in the order of the file."""
 
     def __init__(
         self, path: Path, tables: Tables, size_bytes: int, counters: Counter[FrameReject]
     ) -> None:
-        self.path = path
-        self.tables = _since_start(tables)
-        self.counters = counters
-        self.size_bytes = size_bytes
-        self.position_bytes = 0
-        self.frames = 0
-        """items given so far"""
+        super().__init__(path)
+        self.tables, self.counters, self.size_bytes = _since_start(tables), counters, size_bytes
 
-    def items(self, wanted: Collection[int] = ()) -> Iterator[tuple[int, Item]]:
-        """(arrival_us, item) in the order of the file; `wanted` is of no use here."""
+    def batches(self) -> Iterator[Batch]:
+        """All items, `CHUNK` at a time."""
         self.frames = self.position_bytes = 0
-        last = max((int(table.place[-1]) for table in self.tables.sensors), default=1)
-        for place, time_us, item in self.tables.items():
-            self.frames += 1
-            self.position_bytes = min(self.size_bytes, place * self.size_bytes // max(1, last))
-            yield time_us, item
+        whole = self._merged()
+        for first in range(0, whole.size, CHUNK):
+            yield whole.part(first, min(first + CHUNK, whole.size))
         self.position_bytes = self.size_bytes
 
+    def _merged(self) -> Batch:
+        """The whole log. Of rows at one place those of the first sensor come first; a HEARTBEAT
+        comes before the row that it has its time from."""
+        tables, columns = self.tables, self.tables.columns()
+        sizes = [each.places.size for each in columns]
+        numbers = np.repeat(np.arange(len(columns)), sizes)
+        none = np.zeros(0, np.int64)
+        at = np.concatenate([none, *(each.places for each in columns)])
+        time_us = np.concatenate([none, *map(time_of, columns)])
+        order = np.lexsort((numbers, at))
+        beats = _beats(time_us[order])
+        own, frames = indexed(tables.heartbeats(time_us[order][beats]))
+        places = np.empty(order.size, np.int64)
+        places[order] = np.arange(order.size) + np.searchsorted(
+            beats, np.arange(order.size), side="right"
+        )
+        ends = np.cumsum(sizes)
+        moved: list[Any] = [
+            each._replace(places=places[end - size : end])
+            for each, size, end in zip(columns, sizes, ends, strict=True)
+        ]
+        last = max((int(each.places[-1]) for each in tables.sensors if each.places.size), default=1)
+        share = np.insert(at[order], beats, at[order][beats]) / max(1, last)
+        position = np.minimum(share * self.size_bytes, self.size_bytes).astype(np.int64)
+        arrival_us = np.insert(time_us[order], beats, time_us[order][beats]) + tables.utc_offset_us
+        beat_places = beats + np.arange(beats.size)
+        frames["time_us"] = arrival_us[beat_places]
+        sensors, others = len(tables.sensors), len(tables.sensors) + len(tables.heights)
+        return Batch(
+            arrival_us,
+            position,
+            self.size_bytes,
+            own,
+            frames,
+            beat_places,
+            [(FIRST_SOURCE + number, each) for number, each in enumerate(moved[:sensors])],
+            moved[sensors:others],
+            moved[others:],
+        )
 
-def _readings(
-    table: Table, source: int, number: int
-) -> Iterator[tuple[tuple[int, int], int, Item]]:
-    for start in range(0, table.place.size, CHUNK):
-        part = slice(start, start + CHUNK)
-        columns = [_plain(values[part]) for values in table.values]
-        places, times = table.place[part].tolist(), table.time_us[part].tolist()
-        for place, time_us, *values in zip(places, times, *columns, strict=True):
-            reading = Reading(table.kind, TimeBase.BOOT, time_us, table.instance, tuple(values))
-            yield (place, number), time_us, Sensed(source, reading)
 
-
-def _heights(heights: Heights, number: int) -> Iterator[tuple[tuple[int, int], int, Item]]:
-    rows = (heights.place, heights.time_us, heights.altitude_amsl_m, heights.climb_mps)
-    for place, time_us, altitude_m, climb_mps in zip(*(a.tolist() for a in rows), strict=True):
-        if math.isfinite(altitude_m):
-            yield (place, number), time_us, Height(heights.is_truth, time_us, altitude_m, climb_mps)
-
-
-def _throttles(throttles: Throttles, number: int) -> Iterator[tuple[tuple[int, int], int, Item]]:
-    rows = (throttles.place, throttles.time_us, throttles.share)
-    for place, time_us, share in zip(*(a.tolist() for a in rows), strict=True):
-        if math.isfinite(share):
-            yield (place, number), time_us, Throttle(time_us, share)
-
-
-def _plain(column: Any) -> list[Any]:
-    """A column as Python values: floats finite or NaN, vectors as tuples."""
-    if column.dtype.kind == "f":
-        column = np.where(np.isfinite(column), column, np.nan)
-    values: list[Any] = column.tolist()
-    return list(map(tuple, values)) if column.ndim == 2 else values
+def _beats(times_us: Places) -> Places:
+    """The rows, which have these times, before which a HEARTBEAT goes out."""
+    found, beat_us = [], -HEARTBEAT_US
+    for row, time_us in enumerate(times_us.tolist()):
+        if not beat_us <= time_us < beat_us + HEARTBEAT_US:
+            beat_us = time_us
+            found.append(row)
+    return np.array(found, np.int64)
 
 
 def utc_offset_us(

@@ -23,20 +23,22 @@ import math
 import os
 import struct
 from collections import Counter
-from collections.abc import Collection, Generator, Iterator
+from collections.abc import Generator, Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, Self
+from typing import Literal, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from companion.errors import LogFormatError
 from companion.logs.files import opened, read
+from companion.logs.reader import LogReader
 from companion.mavlink.codec import MAX_FRAME_SIZE, Decoder, Frame, FrameReject, scan
-from companion.mavlink.columns import boot_stamp_us, messages, tables
+from companion.mavlink.columns import boot_stamp_us, tables
 from companion.mavlink.framing import FOREIGN, extent, next_start
 from companion.mavlink.record_scan import INDEX, scan_records
+from companion.recorded import Batch
 from companion.samples import Packet, Rows, rows
 
 _STAMP = struct.Struct(">Q")
@@ -50,8 +52,6 @@ _PROBE_BYTES = 1 << 24
 _HEAD = 1 << 14
 _MILLISECONDS = (946_684_800_000, 4_102_444_800_000)
 """of the years 2000 and 2100"""
-FRAME_FIELDS = ("message_id", "system_id", "component_id", "sequence", "version", "signed")
-"""of `Frame`, behind its bytes, as `INDEX` names them"""
 _FLUSH_US = 1_000_000
 
 _OTHER_FILES = (
@@ -64,7 +64,7 @@ _OTHER_FILES = (
 )
 
 
-class TlogReader:
+class TlogReader(LogReader):
     """The good frames of a tlog in file order, as `Packet`. Every iteration starts anew; one at a
     time.
 
@@ -76,9 +76,7 @@ class TlogReader:
     """
 
     def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
-        self.counters: Counter[FrameReject] = Counter()
-        self.size_bytes = 0
+        super().__init__(path)
         with opened(self.path) as file:
             self._order, self._unit_us = stamps_of(read(file, self.path, _HEAD))
         self._restart()
@@ -88,64 +86,22 @@ class TlogReader:
     def __iter__(self) -> Iterator[Packet]:
         return self._packets(math.inf)
 
-    def items(self, wanted: Collection[int] = ()) -> Iterator[tuple[int, Frame]]:
-        """(time_us, frame) of every good record; frames of `wanted` kinds carry their message.
-
-        Many times faster than decoding packets one at a time, with the same result.
-        """
-        for batch in self.batches():
-            yield from self.items_of(batch, wanted)
-
-    def batches(self) -> "Iterator[Batch]":
+    def batches(self) -> Iterator[Batch]:
         """The good records, one chunk of the file after the other."""
         return self._batches(math.inf)
 
-    def items_of(self, batch: "Batch", wanted: Collection[int]) -> Iterator[tuple[int, Frame]]:
-        """(time_us, frame) of the records of a batch; frames of `wanted` kinds carry their
-        message."""
-        index = batch.rows
-        decoded: list[Any] = [None] * index.size
-        for message_id in set(np.unique(index["message_id"]).tolist()) & set(wanted):
-            where = np.flatnonzero(index["message_id"] == message_id)
-            found = messages(batch.data, index[where], message_id)
-            for place, message in zip(where.tolist(), found, strict=False):
-                decoded[place] = message
-        fields = [index[name].tolist() for name in FRAME_FIELDS]
-        fields[-1] = list(map(bool, fields[-1]))
-        for packet, frame in zip(
-            self._emit(batch), zip(*fields, decoded, strict=True), strict=True
-        ):
-            yield packet.time_us, Frame(packet.data, *frame)
-
-    def passed(self, batch: "Batch") -> None:
-        """The records of a batch were taken without `items_of`."""
-        self.frames += batch.rows.size
-        self.position_bytes = self._read_bytes
-
     def _restart(self) -> None:
         self.counters.clear()
-        self.frames = 0
-        self.position_bytes = 0
-        """how far the iteration is, of ``size_bytes``"""
-        self._read_bytes: int = 0
+        self.frames = self.position_bytes = self._read_bytes = 0
         self._time_us: int | None = None
         self._lost = False
 
     def _packets(self, stop_bytes: float) -> Generator[Packet, None, None]:
         for batch in self._batches(stop_bytes):
-            yield from self._emit(batch)
+            for time_us, frame in self.items_of(batch, ()):
+                yield Packet(time_us, cast(Frame, frame).data)
 
-    def _emit(self, batch: "Batch") -> Iterator[Packet]:
-        """The packets of a batch, with the position moved along."""
-        ends = batch.rows["stop"].tolist()
-        starts = batch.rows["start"].tolist()
-        for time_us, start, end in zip(batch.rows["time_us"].tolist(), starts, ends, strict=True):
-            self.frames += 1
-            self.position_bytes = batch.position_bytes + end
-            yield Packet(time_us, batch.buffer[start:end])
-        self.position_bytes = self._read_bytes
-
-    def _batches(self, stop_bytes: float) -> "Generator[Batch, None, None]":
+    def _batches(self, stop_bytes: float) -> Generator[Batch, None, None]:
         """The records of one chunk of the file after the other."""
         self._restart()
         with opened(self.path) as file:
@@ -161,7 +117,10 @@ class TlogReader:
                 count, offset = self._index(buffer, data, limit, index)
                 index["time_us"][:count] *= self._unit_us
                 start, self._read_bytes = self._read_bytes, self._read_bytes + offset
-                yield Batch(buffer, data, index[:count], start)
+                found = index[:count]
+                times_us = np.ascontiguousarray(found["time_us"])
+                ends = start + found["stop"].astype("i8")
+                yield Batch(times_us, ends, self._read_bytes, buffer, found)
                 buffer = buffer[offset:]
 
     def _index(
@@ -177,6 +136,7 @@ class TlogReader:
                     limit,
                     _LAST_TIME_US,
                     self._order == "little",
+                    _STAMP.size,
                     *tables(),
                     index,
                     count,
@@ -302,22 +262,9 @@ def _this_century(stamp: int) -> bool:
     return any(_MILLISECONDS[0] * scale < stamp < _MILLISECONDS[1] * scale for scale in (1, 1000))
 
 
-class Batch(NamedTuple):
-    """The good records of one chunk."""
-
-    buffer: bytes
-    data: NDArray[np.uint8]
-    """the same bytes"""
-    rows: Rows
-    position_bytes: int
-    """of the chunk in the file"""
-
-    def frame(self, place: int) -> tuple[int, Frame]:
-        """(time_us, frame) of one record."""
-        row = self.rows[place]
-        data = self.buffer[int(row["start"]) : int(row["stop"])]
-        frame = Frame(data, *(int(row[name]) for name in FRAME_FIELDS))  # type: ignore[arg-type]
-        return int(row["time_us"]), frame._replace(signed=bool(frame.signed))
+def record(time_us: int, frame: bytes) -> bytes:
+    """One record of a tlog: its time (UNIX microseconds) and a frame."""
+    return _pack_stamp(time_us) + frame
 
 
 class TlogWriter:
@@ -341,8 +288,12 @@ class TlogWriter:
 
     def write(self, time_us: int, frame: bytes) -> None:
         """Append one whole frame that was read or sent at `time_us` (UNIX microseconds)."""
+        self.write_records(record(time_us, frame), time_us)
+
+    def write_records(self, records: bytes, time_us: int) -> None:
+        """Append records (see `record`) of which the last is of `time_us`."""
         try:
-            self._file.write(_pack_stamp(time_us) + frame)
+            self._file.write(records)
             if not 0 <= time_us - self._flushed_us < _FLUSH_US:
                 self._file.flush()
                 self._flushed_us = time_us

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from companion.errors import LogFormatError
 from companion.logs.files import contents
-from companion.logs.tables import Heights, Table, TableReader, Tables, changes, utc_offset_us
+from companion.logs.tables import TableReader, Tables, changes, heights, sensor, utc_offset_us
 from companion.mavlink.codec import FrameReject, mavlink
 from companion.mavlink.convert import ZERO_CELSIUS_K
+from companion.mavlink.reading_columns import Readings
 from companion.samples import MAX_INSTANCES, Kind
 
 MAGIC = b"ULog\x01\x12\x35"
@@ -92,8 +93,8 @@ class _Topic:
         values = self._data.get(name)
         return np.full(self.size, default) if values is None else values.astype(np.int64)
 
-    def table(self, kind: Kind, *values: Any) -> Table:
-        return Table(kind, self.time_us, self.time_us, self.instance, values)
+    def table(self, kind: Kind, *values: Any) -> Readings:
+        return sensor(kind, self.time_us, self.time_us, self.instance, values)
 
 
 def _tables(log: Any) -> Tables:
@@ -125,7 +126,8 @@ def _tables(log: Any) -> Tables:
             altitude = topic.floats("alt")
             if not altitude.any():
                 continue  # a simulator that does not fill it in
-            tables.heights.append(Heights(is_truth, topic.time_us, topic.time_us, altitude, climb))
+            times_us = topic.time_us
+            tables.heights.append(heights(times_us, times_us, altitude, climb, is_truth=is_truth))
     return tables
 
 
@@ -148,14 +150,14 @@ def _vehicle(tables: Tables, log: Any, topics: dict[str, list[_Topic]]) -> None:
             tables.utc_offset_us = tables.utc_offset_us or offset_us
 
 
-def _barometer(topic: _Topic) -> Table:
+def _barometer(topic: _Topic) -> Readings:
     pressure_pa = topic.floats("baro_pressure_pa", "pressure")
     pressure_pa = np.where(pressure_pa < LOWEST_PA, pressure_pa * 100.0, pressure_pa)
     die_k = topic.floats("baro_temp_celcius", "temperature") + ZERO_CELSIUS_K
     return topic.table(Kind.PRESSURE, pressure_pa, die_k, np.zeros(topic.size, np.int64))
 
 
-def _gnss(topic: _Topic) -> Table:
+def _gnss(topic: _Topic) -> Readings:
     new = topic.has("latitude_deg")
     degree, metre = (1.0, 1.0) if new else (1e-7, 1e-3)
     latitude = topic.floats("latitude_deg", "lat", scale=degree)
@@ -181,11 +183,11 @@ def _gnss(topic: _Topic) -> Table:
     )
 
 
-def _imu(topic: _Topic) -> Table:
+def _imu(topic: _Topic) -> Readings:
     return topic.table(Kind.IMU, topic.vector("accelerometer_m_s2"), topic.vector("gyro_rad"))
 
 
-def _attitude(topic: _Topic) -> Table:
+def _attitude(topic: _Topic) -> Readings:
     q = topic.vector("q", 4)
     w, x, y, z = (q / np.maximum(np.linalg.norm(q, axis=1, keepdims=True), 1e-9)).T
     roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
@@ -194,7 +196,7 @@ def _attitude(topic: _Topic) -> Table:
     return topic.table(Kind.ATTITUDE, roll, pitch, yaw, np.full((topic.size, 3), math.nan))
 
 
-def _range(topic: _Topic) -> Table:
+def _range(topic: _Topic) -> Readings:
     distance_m = topic.floats("current_distance")
     seen = (distance_m >= topic.floats("min_distance")) & (
         distance_m <= topic.floats("max_distance")
@@ -203,10 +205,10 @@ def _range(topic: _Topic) -> Table:
     return topic.table(Kind.RANGE, np.where(seen, distance_m, math.nan), downward)
 
 
-def _airspeed(topic: _Topic) -> Table:
+def _airspeed(topic: _Topic) -> Readings:
     return topic.table(Kind.AIRSPEED, topic.floats("indicated_airspeed_m_s"))
 
 
-def _landed(topic: _Topic) -> Table:
+def _landed(topic: _Topic) -> Readings:
     unknown, zero = np.full(topic.size, -1), np.zeros(topic.size, np.int64)
     return topic.table(Kind.STATUS, unknown, topic.integers("landed", -1), zero)

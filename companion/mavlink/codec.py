@@ -83,6 +83,14 @@ class Decoder:
         self._suspect_size = 0
         self._suspect_left = 0
 
+    def put_back(self, most: int) -> int:
+        """Forget the bytes that are kept because a frame is not complete, for the caller to take
+        them again; how many. -1 when they are more than `most`, or belong to a damaged place."""
+        if self._suspect is not None or len(self._rest) > most:
+            return -1
+        count, self._rest = len(self._rest), b""
+        return count
+
     def feed(self, data: bytes) -> list[Frame]:
         """The frames that are complete now. At most `MAX_FRAME_SIZE` bytes are kept for the next
         call."""

@@ -1,8 +1,8 @@
 """Payloads of a message kind as typed columns, and as light messages with the same attributes.
 
 The layouts are made at run time from pymavlink's dialect table, never written down here. Only kinds
-without texts have columns, and only those without arrays light messages; the others are decoded
-one at a time by `companion.mavlink.codec.decode`. A light message is a named tuple of the fields'
+without texts and arrays have light messages; the others are decoded one at a time by
+`companion.mavlink.codec.decode`. A light message is a named tuple of the fields'
 values as pymavlink decodes them: zeros that MAVLink 2 left out and missing extension fields are 0.
 """
 
@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.mavlink.codec import Frame, Message, mavlink, numbers
-from companion.mavlink.framing import CRC_EXTRA, CRC_TABLE, V1_HEADER, V1_LENGTHS, V2_HEADER
+from companion.mavlink.codec import Frame, Message, light, mavlink, numbers
+from companion.mavlink.framing import CRC_EXTRA, CRC_TABLE, V1_LENGTHS
 from companion.mavlink.record_scan import gather
 from companion.samples import Rows
 
@@ -23,6 +23,7 @@ CODES = {
     "f": "<f4", "d": "<f8",
 }  # fmt: skip
 """code of the struct module -> dtype"""
+TEXT = "c"
 
 
 BOOT_STAMP = "time_boot_ms"
@@ -44,14 +45,18 @@ def layout(message_id: int) -> Layout | None:
 
 @cache
 def wire_dtype(message_id: int) -> np.dtype[Any] | None:
-    """The fields of a kind on the wire, or None when it has texts or an id that is not known."""
+    """The fields of a kind on the wire, or None when its id is not known."""
     kind = mavlink.mavlink_map.get(message_id)
-    if kind is None or "char" in kind.fieldtypes:
+    if kind is None:
         return None
     names, codes = kind.ordered_fieldnames, kind.native_format.decode().lstrip("<")
     fields: list[Any] = [
-        (name, CODES[code]) if length == 1 else (name, CODES[code], (length,))
-        for name, code, length in zip(names, codes, kind.lengths, strict=True)
+        (
+            name,
+            f"S{length}" if code == TEXT else CODES[code],
+            (length,) if code != TEXT and length else (),
+        )
+        for name, code, length in zip(names, codes, kind.array_lengths, strict=True)
     ]
     return np.dtype(fields)
 
@@ -60,11 +65,11 @@ def columns(data: NDArray[np.uint8], index: Rows, message_id: int) -> NDArray[An
     """The payloads of frames of one kind, shape (n,), a structured array with the fields' names.
 
     `index` are rows of `record_scan.INDEX` of that kind, `data` the buffer they point into. Raises
-    `KeyError` for a kind with texts.
+    `KeyError` for a kind that is not known.
     """
     dtype = wire_dtype(message_id)
     if dtype is None:
-        raise KeyError(f"message {message_id} has texts")
+        raise KeyError(f"message {message_id} is not known")
     table = np.empty((index.size, dtype.itemsize), np.uint8)
     gather(data, index["payload"], index["length"], table)
     return table.view(dtype)[:, 0]
@@ -90,16 +95,15 @@ def tables() -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     return np.array(CRC_TABLE, np.int64), extras, lengths
 
 
+@cache
+def has_boot_stamp(message_id: int) -> bool:
+    """Whether a kind tells the time since boot, in milliseconds."""
+    found = layout(message_id)
+    return found is not None and BOOT_STAMP in (found.dtype.names or ())
+
+
 def boot_stamp_us(frame: Frame, now_us: int) -> int:
     """The boot stamp of an autopilot's frame, else the time so far."""
-    found = layout(frame.message_id)
-    if (
-        found is None
-        or BOOT_STAMP not in (found.dtype.names or ())
-        or frame.component_id != mavlink.MAV_COMP_ID_AUTOPILOT1
-    ):
-        return now_us
-    header = V2_HEADER if frame.version == 2 else V1_HEADER
-    payload = frame.data[header : header + frame.data[1]].ljust(found.dtype.itemsize, b"\0")
-    stamp, at = found.dtype.fields[BOOT_STAMP][:2]  # type: ignore[index]
-    return int.from_bytes(payload[at : at + stamp.itemsize], "little") * 1000
+    is_autopilot = frame.component_id == mavlink.MAV_COMP_ID_AUTOPILOT1
+    message = light(frame) if is_autopilot and has_boot_stamp(frame.message_id) else None
+    return int(message.time_boot_ms) * 1000 if message is not None else now_us

@@ -55,23 +55,15 @@ class Parameters:
     Parameters
     ----------
     settings : the configuration, whose values are shown.
-    air : the model of the keys that can be set in flight.
-    read_air : key -> present value of the air, None where unknown.
-    set_air : takes one key and its value; raises ValueError for a value that is not possible.
+    model : of the keys of the air, which can be set in flight.
+    air : gives what holds their values as attributes, None where unknown; its ``set`` takes keys
+        and raises ValueError for a value that is not possible.
     """
 
-    def __init__(
-        self,
-        settings: BaseModel,
-        air: type[BaseModel],
-        read_air: Callable[[str], float | None],
-        set_air: Callable[[str, float], None],
-    ) -> None:
-        self._settings = settings
-        self._read_air = read_air
-        self._set_air = set_air
+    def __init__(self, settings: BaseModel, model: type[BaseModel], air: Callable[[], Any]) -> None:
+        self._settings, self._air = settings, air
         self.table = tuple(
-            _described(name, key, air if key.startswith(SETTABLE) else type(settings))
+            _described(name, key, model if key.startswith(SETTABLE) else type(settings))
             for name, key in sorted(NAMES.items())
         )
         self._index = {parameter.name: index for index, parameter in enumerate(self.table)}
@@ -98,15 +90,14 @@ class Parameters:
         """The present value of a parameter; NaN where unknown."""
         section, key = self.table[self._index[name]].key.split(".")
         in_air = f"{section}." == SETTABLE
-        holder = getattr(self._settings, section)
-        value = self._read_air(key) if in_air else getattr(holder, key)
+        value = getattr(self._air() if in_air else getattr(self._settings, section), key)
         return math.nan if value is None else float(value)
 
     def _set(self, parameter: Parameter, value: float) -> None:
         if not parameter.is_settable or not math.isfinite(value):
             return
         try:
-            self._set_air(parameter.key.removeprefix(SETTABLE), value)
+            self._air().set(**{parameter.key.removeprefix(SETTABLE): value})
         except ValueError:
             return  # out of range: the answer carries the value that stays
 

@@ -1,9 +1,10 @@
 """Compiled scan of a telemetry log's records, and compiled copying of their payloads.
 
-A record is a 64-bit time, big-endian by rule, and one MAVLink frame. `scan_records` follows records
-that are whole, known and undamaged, and stops at the first that is not; `companion.logs.tlog`
-continues from there, in Python, once for every damaged place. The rules for a frame are those of
-`companion.mavlink.framing.scan`; a test holds the two equal.
+A record is a 64-bit time, big-endian by rule, and one MAVLink frame; of a capture without times, a
+frame alone. `scan_records` follows records that are whole, known and undamaged, and stops at the
+first that is not; `companion.logs.tlog` and `companion.logs.raw` continue from there, in Python,
+once for every damaged place. The rules for a frame are those of `companion.mavlink.framing.scan`; a
+test holds the two equal.
 """
 
 import numpy as np
@@ -29,7 +30,6 @@ INDEX = np.dtype(
 )
 """One row a frame."""
 
-STAMP = 8
 V1, V2 = 0xFE, 0xFD
 V1_HEADER, V2_HEADER = 6, 10
 CHECKSUM, SIGNATURE, SIGNED = 2, 13, 1
@@ -42,6 +42,7 @@ def scan_records(
     limit: int,
     last_time_us: int,
     little: int,
+    stamp: int,
     crc_table: Rows,
     extras: Rows,
     v1_lengths: Rows,
@@ -55,6 +56,7 @@ def scan_records(
     data : uint8, shape (n,).
     last_time_us : a record with a later time is not good.
     little : 1 when the times are little-endian.
+    stamp : bytes of the time before a frame; 0 in a capture without times, which get time 0.
     crc_table : int64, shape (256,): the table of the checksum (CRC-16/MCRF4XX).
     extras : int64, shape (largest id + 1,): CRC_EXTRA by message id, -1 for unknown ids.
     v1_lengths : int64, shape (largest id + 1, 2): smallest and largest MAVLink 1 payload.
@@ -66,12 +68,12 @@ def scan_records(
     offset : of the first record that is not good, or not complete, or begins at or after `limit`.
     """
     while offset < limit and count < index.shape[0]:
-        stop = _read_frame(data, offset + STAMP, crc_table, extras, v1_lengths, index, count)
+        stop = _read_frame(data, offset + stamp, crc_table, extras, v1_lengths, index, count)
         if stop < 0:
             break
         time_us = 0
-        for i in range(STAMP):
-            time_us = time_us << 8 | int(data[offset + (STAMP - 1 - i if little else i)])
+        for i in range(stamp):
+            time_us = time_us << 8 | int(data[offset + (stamp - 1 - i if little else i)])
         if time_us < 0 or time_us > last_time_us:
             break
         index[count].time_us = time_us

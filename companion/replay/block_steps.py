@@ -7,6 +7,7 @@ than these steps, such as a restart of the vehicle or something to log; the pipe
 one.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -35,7 +36,8 @@ from companion.mavlink.imu_steps import accepts, replaces_pressure
 from companion.samples import MAX_INSTANCES, Kind, Rows, Tables, Verdict
 
 PLAIN, PYTHON, SYSTEM_TIME, OWN_HEIGHT, ALTITUDE_HEARD, TRUTH = range(6)
-"""what a frame is, beside its readings; PYTHON is for the pipeline"""
+RECORDED_HEIGHT, RECORDED_TRUTH = 6, 7
+"""what an item is, beside its readings; PYTHON is for the pipeline"""
 LEFT_OUT, NO_SAMPLE = -2, -1
 """places of a reading without a sample: one that was dropped, and one that only moved the clock"""
 NO_CLOCK, CLOCK_JUMPED, REPLACED = range(3)
@@ -44,25 +46,25 @@ ATTITUDE, RANGE, AIR = int(Kind.ATTITUDE), int(Kind.RANGE), int(Kind.AIR)
 STATUS, HOME, AIRSPEED = int(Kind.STATUS), int(Kind.HOME), int(Kind.AIRSPEED)
 USED, STALE = int(Verdict.USED), int(Verdict.STALE)
 
-FRAME = np.dtype(
+ITEM = np.dtype(
     [
         ("arrival_us", "i8"),
-        ("is_vehicle", "i8"),
+        ("is_frame", "i8"),
+        ("is_vehicle", "i8"),  # a frame of it
         ("what", "i8"),
         ("first", "i8"),  # of its readings
         ("count", "i8"),
         ("now_us", "i8"),  # the vehicle's clock before its readings
-        ("a_us", "i8"),  # SYSTEM_TIME: UNIX time; OWN_HEIGHT: its time
+        ("a_us", "i8"),  # SYSTEM_TIME: UNIX time; a height: its time
         ("b_us", "i8"),  # SYSTEM_TIME: boot time
-        ("altitude_m", "f8"),  # OWN_HEIGHT, TRUTH
+        ("altitude_m", "f8"),  # of a height
         ("above_home_m", "f8"),  # OWN_HEIGHT
-        ("climb_mps", "f8"),  # OWN_HEIGHT, TRUTH
+        ("climb_mps", "f8"),  # of a height
     ],
     align=True,
 )
 READING = np.dtype(
     [
-        ("frame", "i8"),
         ("kind", "i8"),
         ("row", "i8"),  # in the table of its kind
         ("origin", "i8"),
@@ -113,29 +115,58 @@ class Following(NamedTuple):
 
 
 @step
+def enter(
+    items: Rows, readings: Rows, used: Rows, places: Rows, stamps_us: Rows, instances: Rows,
+    above_m: Rows, kind: int, origin: int, source: int, rank: int, is_highres: int, row: int,
+) -> None:  # fmt: skip
+    """Enter readings of one kind and message behind those that their items have already.
+
+    Parameters
+    ----------
+    items : with `first` right.
+    used : int64, how many readings of each item are entered; kept up to date.
+    places, stamps_us, instances : int64, shape (n,), of the readings: of their items, and so on.
+    above_m : shape (n,), or (0,) where nothing is known of the geoid.
+    rank : of the message among those of the primary IMU.
+    row : of the first reading in the table of its kind.
+    """
+    for i in range(places.shape[0]):
+        f = places[i]
+        reading = readings[items[f].first + used[f]]
+        used[f] += 1
+        reading.kind, reading.row, reading.origin = kind, row + i, origin
+        reading.stamp_us, reading.source, reading.instance = stamps_us[i], source, instances[i]
+        reading.rank = rank if instances[i] == 0 else -1
+        reading.is_highres = is_highres
+        reading.above_m = above_m[i] if above_m.shape[0] else math.nan
+
+
+@step
 def take_in(
-    frames: Rows, readings: Rows, tables: Tables, s: Intaking, start: int, stop: int, count: int
+    items: Rows, readings: Rows, tables: Tables, s: Intaking, start: int, stop: int, count: int
 ) -> tuple[int, int]:
-    """Make samples of the readings of ``frames[start:stop]``: rows of `tables`, in its order.
+    """Make samples of the readings of ``items[start:stop]``: rows of `tables`, in its order.
 
     Returns
     -------
-    stop : the frame that the pipeline has to take, or `stop`.
+    stop : the item that the pipeline has to take, or `stop`.
     count : of samples in the order.
     """
     changes, wrong = s.screen[0].changes, s.clock[0].wrong_units
     for f in range(start, stop):
-        frame = frames[f]
-        if frame.what == PYTHON:
+        item = items[f]
+        if item.what == PYTHON:
             return f, count
-        if frame.what == SYSTEM_TIME:
-            note_unix(s.clock, frame.a_us, frame.b_us)
-        frame.now_us = s.clock[0].now_us
-        for r in range(frame.first, frame.first + frame.count):
+        if item.what == SYSTEM_TIME:
+            note_unix(s.clock, item.a_us, item.b_us)
+        item.now_us = s.clock[0].now_us
+        if item.what == TRUTH:
+            item.a_us = item.now_us
+        for r in range(item.first, item.first + item.count):
             reading = readings[r]
             effect, time_us = place(
                 s.clock, s.clock_params, reading.origin, reading.stamp_us, reading.source,
-                frame.arrival_us,
+                item.arrival_us,
             )  # fmt: skip
             if effect == REBOOT or s.clock[0].wrong_units != wrong:
                 return f, count
@@ -230,10 +261,10 @@ def _check_fix(fix: Rows, s: Intaking, above_m: float) -> bool:
 
 @step
 def follow(
-    frames: Rows, readings: Rows, tables: Tables, estimates: Rows, verdicts: Rows, healths: Rows,
+    items: Rows, readings: Rows, tables: Tables, estimates: Rows, verdicts: Rows, healths: Rows,
     s: Following, start: int, stop: int, latest: int,
 ) -> tuple[int, int]:  # fmt: skip
-    """What comes after the samples of ``frames[start:stop]``.
+    """What comes after the samples of ``items[start:stop]``.
 
     Parameters
     ----------
@@ -243,21 +274,21 @@ def follow(
 
     Returns
     -------
-    stop : the frame that the pipeline has to take, or `stop`.
+    stop : the item that the pipeline has to take, or `stop`.
     published : how many ALTITUDE of ours were due.
     """
     published = 0
     for f in range(start, stop):
-        frame = frames[f]
-        if frame.is_vehicle:
-            alive(s.health, s.health_params, frame.arrival_us)
-        if frame.what == OWN_HEIGHT:
-            s.outputs[0].own_us, s.outputs[0].own_amsl_m = frame.a_us, frame.altitude_m
-            s.outputs[0].own_home_m = frame.above_home_m
-            own_height(s.outputs, s.output_params, frame.now_us, s.health[0].health)
-        elif frame.what == ALTITUDE_HEARD:
-            vehicle_altitude(s.outputs, frame.now_us)
-        for r in range(frame.first, frame.first + frame.count):
+        item = items[f]
+        if item.is_vehicle:
+            alive(s.health, s.health_params, item.arrival_us)
+        if item.what == OWN_HEIGHT:
+            s.outputs[0].own_us, s.outputs[0].own_amsl_m = item.a_us, item.altitude_m
+            s.outputs[0].own_home_m = item.above_home_m
+            own_height(s.outputs, s.output_params, item.now_us, s.health[0].health)
+        elif item.what == ALTITUDE_HEARD:
+            vehicle_altitude(s.outputs, item.now_us)
+        for r in range(item.first, item.first + item.count):
             at, used = readings[r].place, False
             if at == LEFT_OUT:
                 continue
@@ -270,13 +301,13 @@ def follow(
             if due < 0:
                 return f, published
             published += due
-        lost = silence(s.health, s.health_params, frame.arrival_us)
+        lost = silence(s.health, s.health_params, item.arrival_us) if item.is_frame else 0
         if lost and s.health[0].health != LOST:
             return f, published
         if lost == 1 and (s.health[0].reason != OF_HOST or s.health[0].detail != 1):
             return f, published
         if lost:
-            lose(s.health, s.health_params, lost, frame.arrival_us)
+            lose(s.health, s.health_params, lost, item.arrival_us)
     return stop, published
 
 

@@ -15,17 +15,15 @@ from numpy.typing import NDArray
 from companion.intake import SampleReject
 from companion.intake.receiver_steps import LEAST_UNDULATION_M
 from companion.intake.row_steps import DOUBTED, RIGHT, UNSETTLED
-from companion.logs.tlog import Batch
 from companion.mavlink.altitude_steps import ALTITUDE
 from companion.mavlink.codec import Frame, decode, mavlink
 from companion.mavlink.convert import TRUTHS
 from companion.mavlink.record_scan import INDEX
 from companion.observer import Block, BlockObserver
 from companion.pipeline import Pipeline
+from companion.recorded import Batch, Item
 from companion.replay.block_steps import (
-    OWN_HEIGHT,
     PYTHON,
-    TRUTH,
     Following,
     Intaking,
     follow,
@@ -47,8 +45,8 @@ SMALLEST, LARGEST = 64, 1 << 14
 """frames of a piece: fewer where many are left to the pipeline"""
 SIMSTATE = mavlink.MAVLINK_MSG_ID_SIMSTATE
 REJECTS = (SampleReject.NO_CLOCK, SampleReject.CLOCK, SampleReject.REPLACED)
-Take = Callable[[int, Frame], Any]
-Passed = Callable[[Rows, Callable[[int], tuple[int, Frame]]], None]
+Take = Callable[[int, Item], Any]
+Passed = Callable[[Batch], None]
 
 
 class _Piece(NamedTuple):
@@ -68,9 +66,8 @@ class BlockRunner:
 
     Parameters
     ----------
-    take : gives one frame to the pipeline, as an item of the log.
-    passed : told the `record_scan.INDEX` rows of frames that were taken, with a function that gives
-        the frame of a row. `flush` tells it of all up to now.
+    take : gives one item to the pipeline.
+    passed : told the part of a batch that was taken. `flush` tells it of all up to now.
     """
 
     def __init__(self, pipeline: Pipeline, take: Take, passed: Passed | None = None) -> None:
@@ -90,12 +87,14 @@ class BlockRunner:
 
     def compile(self) -> None:
         """Compile the loops, by an empty block."""
-        speaker = Speaker((1, 1), (1, 191), 0, 0, None, frozenset(), frozenset(), "none", 0, 0)
-        self._loops(arrays_of(np.zeros(0, np.uint8), rows(INDEX, 0), speaker), 0, 0)
+        none: frozenset[int] = frozenset()
+        speaker = Speaker((1, 1), (1, 191), 0, 0, None, none, none, False, "none", 0, 0)
+        times_us = np.zeros(0, np.int64)
+        self._loops(arrays_of(Batch(times_us, times_us, 0, b"", rows(INDEX, 0)), 0, speaker), 0, 0)
 
     def run(self, batch: Batch, observer: Callable[[], BlockObserver]) -> None:
-        """Take all frames of a batch; `observer` gives the one of the present session."""
-        at, size = 0, batch.rows.size
+        """Take all items of a batch; `observer` gives the one of the present session."""
+        at, size = 0, batch.size
         self._batch, self._told, self._at = batch, 0, 0
         arrays: Arrays | None = None
         first, known = 0, None
@@ -103,12 +102,12 @@ class BlockRunner:
             speaker = self._speaker(observer())
             if speaker is not None:
                 if arrays is None or speaker != known:
-                    arrays, first = arrays_of(batch.data, batch.rows[at:], speaker), at
+                    arrays, first = arrays_of(batch, at, speaker), at
                     known = speaker
                 stop = self._stop(arrays, at - first)
-                reached = self._piece(arrays, batch, first, (at - first, stop), observer())
+                reached = self._piece(arrays, first, (at - first, stop), observer())
                 at = self._at = first + reached
-                if at == size or (reached == stop and arrays.frames["what"][reached] != PYTHON):
+                if at == size or (reached == stop and arrays.items["what"][reached] != PYTHON):
                     continue
                 if reached < stop:
                     self.flush()
@@ -142,6 +141,7 @@ class BlockRunner:
             pipeline.readings.imu.scale(identity.autopilot),
             pipeline.wanted - ({SIMSTATE} if simulation.is_flat else set()),
             frozenset(pipeline.listeners) | (TRUTHS.keys() if simulation.in_question else set()),
+            simulation.in_question,
             pipeline.settings.intake.air_temperature,
             self._equal_heights(),
             session,
@@ -159,19 +159,21 @@ class BlockRunner:
     def _stop(self, arrays: Arrays, at: int) -> int:
         """The end of the piece that begins at `at`."""
         place = int(np.searchsorted(arrays.python, at))
-        end = int(arrays.python[place]) if place < arrays.python.size else arrays.frames.size
+        end = int(arrays.python[place]) if place < arrays.python.size else arrays.items.size
         return min(end, at + self._length)
 
     def _single(self, batch: Batch, at: int) -> None:
-        """Let the pipeline take one frame."""
-        time_us, frame = batch.frame(at)
-        speaker = (frame.system_id, frame.component_id)
-        if frame.message_id == HEARTBEAT:
+        """Let the pipeline take one item."""
+        time_us, item = batch.item(at)
+        is_beat = isinstance(item, Frame) and item.message_id == HEARTBEAT
+        if is_beat:
             self.flush()
         self._at = at + 1
-        self._take(time_us, frame)
-        if frame.message_id == HEARTBEAT and speaker == self.pipeline.identity.vehicle:
-            message = decode(frame)
+        self._take(time_us, item)
+        if not (is_beat and isinstance(item, Frame)):
+            return
+        if (item.system_id, item.component_id) == self.pipeline.identity.vehicle:
+            message = decode(item)
             if message is not None and self.pipeline.now_us >= 0:
                 custom = int(message.base_mode & CUSTOM_MODE != 0)
                 self._beat = (message.type, message.autopilot, custom, message.custom_mode)
@@ -179,7 +181,6 @@ class BlockRunner:
     def _piece(
         self,
         arrays: Arrays,
-        batch: Batch,
         first: int,
         extent: tuple[int, int],
         observer: BlockObserver,
@@ -195,7 +196,7 @@ class BlockRunner:
         piece = self._loops(arrays, start, stop)
         if piece.stop < stop:
             self._length = max(SMALLEST, self._length // 2)
-            arrays.restore()
+            arrays.restore(start, stop)
             for state, old in zip(states, before, strict=True):
                 state[:] = old
             if piece.stop == start:
@@ -203,7 +204,7 @@ class BlockRunner:
             piece = self._loops(arrays, start, piece.stop)
         else:
             self._length = min(LARGEST, 2 * self._length)
-        is_vehicle = np.asarray(arrays.frames["is_vehicle"][start : piece.stop]) == 1
+        is_vehicle = np.asarray(arrays.items["is_vehicle"][start : piece.stop]) == 1
         self._pieces.append((first + start, first + piece.stop, is_vehicle))
         self._at = first + piece.stop
         self._keep(arrays, start, piece, observer)
@@ -253,11 +254,11 @@ class BlockRunner:
         )
 
     def _loops(self, arrays: Arrays, start: int, stop: int) -> _Piece:
-        """The compiled loops over ``frames[start:stop]``."""
-        frames, readings, tables = arrays.frames, arrays.readings, arrays.tables
+        """The compiled loops over ``items[start:stop]``."""
+        items, readings, tables = arrays.items, arrays.readings, arrays.tables
         self._counts[:] = 0
         self.pipeline.intake.params["equal_heights"] = self._equal_heights()
-        stop, count = take_in(frames, readings, tables, self._intaking(), start, stop, 0)
+        stop, count = take_in(items, readings, tables, self._intaking(), start, stop, 0)
         verdicts = np.full(count, Verdict.IGNORED, np.int64)
         health = np.zeros(count, np.int64)
         if not self.pipeline.estimates:
@@ -270,15 +271,14 @@ class BlockRunner:
             taken = tables._replace(order=tables.order[:count])
             running.method.run(running.state, running.params, taken, estimates[1:], verdicts)
         stop, published = follow(
-            frames, readings, tables, estimates, verdicts, health, self._following(), start, stop, 0
+            items, readings, tables, estimates, verdicts, health, self._following(), start, stop, 0
         )
         return _Piece(stop, count, published, estimates, verdicts, health)
 
     def _keep(self, arrays: Arrays, start: int, piece: _Piece, observer: BlockObserver) -> None:
         """Count the samples, and show them to the observer."""
-        pipeline, frames = self.pipeline, arrays.frames[start : piece.stop]
-        first, last = frames[0], frames[-1]
-        readings = arrays.readings[int(first["first"]) : int(last["first"] + last["count"])]
+        pipeline, items = self.pipeline, arrays.items[start : piece.stop]
+        readings = arrays.readings_of(start, piece.stop)
         samples = readings[np.asarray(readings["place"]) >= 0]
         kinds = np.asarray(samples["kind"])
         pairs = np.bincount(kinds * len(Verdict) + piece.verdicts)
@@ -295,7 +295,7 @@ class BlockRunner:
             self._note_doubt(readings, arrays.tables)
         if pipeline.health.is_vehicle_silent:  # who else is heard at the end of the piece
             self.flush()
-            pipeline.age(int(last["arrival_us"]))
+            pipeline.age(int(items["arrival_us"][-1]))
         observer.block(
             Block(
                 arrays.tables._replace(order=arrays.tables.order[: piece.size]),
@@ -306,8 +306,8 @@ class BlockRunner:
                 np.asarray(samples["now_us"]),
                 np.asarray(samples["unix_us"]),
                 piece.health,
-                heights(frames, TRUTH, "now_us"),
-                heights(frames, OWN_HEIGHT, "a_us"),
+                heights(items, truth=True),
+                heights(items, truth=False),
                 piece.published,
             )
         )
@@ -324,19 +324,20 @@ class BlockRunner:
             self.pipeline.intake.simulation.equal_heights(height_m, above_m)
 
     def flush(self) -> None:
-        """Count the frames that were taken since the last time, by sender and kind."""
+        """Count what was taken since the last time, by sender and kind."""
         batch, pieces = self._batch, self._pieces
         if batch is None or self._told == self._at:
             return
-        if pieces:
-            index = np.concatenate(
-                [np.asarray(batch.rows[start:stop]) for start, stop, _ in pieces]
+        taken = [batch.frames(start, stop) for start, stop, _ in pieces]
+        if taken:
+            index = np.concatenate([index for _, index in taken])
+            is_vehicle = np.concatenate(
+                [each[places] for (_, _, each), (places, _) in zip(pieces, taken, strict=True)]
             )
-            is_vehicle = np.concatenate([each for _, _, each in pieces])
             self._count(index[is_vehicle], index[~is_vehicle], batch)
         first, self._told, self._pieces = self._told, self._at, []
         if self._passed is not None:
-            self._passed(batch.rows[first : self._at], lambda place: batch.frame(first + place))
+            self._passed(batch.part(first, self._at))
 
     def _count(self, own: Rows, others: Rows, batch: Batch) -> None:
         """Count frames of the vehicle and of others, `record_scan.INDEX` rows."""

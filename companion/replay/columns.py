@@ -1,6 +1,7 @@
-"""A block of a telemetry log as the arrays that the compiled loops take
-(`companion.replay.block_steps`): frames, their readings, and the sample rows to fill."""
+"""A batch of a log as the arrays that the compiled loops take (`companion.replay.block_steps`):
+items, their readings, and the sample rows to fill."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,22 +11,27 @@ from numpy.typing import NDArray
 from companion.intake.geoid import undulation_m
 from companion.intake.row_steps import DOUBTED
 from companion.intake.vehicle_clock import BASES
-from companion.mavlink import reading_columns
+from companion.mavlink import convert
 from companion.mavlink.codec import mavlink
 from companion.mavlink.columns import columns
+from companion.mavlink.convert import Converter
 from companion.mavlink.identity import VEHICLE_TYPES
 from companion.mavlink.imu import ImuSelector
-from companion.mavlink.reading_columns import Converter, Readings
+from companion.mavlink.reading_columns import LARGEST_STAMP_US, Readings, readings_of
 from companion.mavlink.requests import REQUESTS
+from companion.recorded import Batch
 from companion.replay.block_steps import (
     ALTITUDE_HEARD,
-    FRAME,
+    ITEM,
     OWN_HEIGHT,
     PLAIN,
     PYTHON,
     READING,
+    RECORDED_HEIGHT,
+    RECORDED_TRUTH,
     SYSTEM_TIME,
     TRUTH,
+    enter,
 )
 from companion.samples import DTYPES, HEIGHT, ORDER, Kind, Rows, Tables, readable, rows
 
@@ -33,8 +39,6 @@ HEARTBEAT = mavlink.MAVLINK_MSG_ID_HEARTBEAT
 HIGHRES_IMU = mavlink.MAVLINK_MSG_ID_HIGHRES_IMU
 RAW_IMU = mavlink.MAVLINK_MSG_ID_RAW_IMU
 CUSTOM_MODE = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-OF_OTHERS = frozenset({*REQUESTS, mavlink.MAVLINK_MSG_ID_REQUEST_DATA_STREAM})
-"""kinds that the pipeline takes of any sender"""
 SILENT = frozenset({mavlink.MAVLINK_MSG_ID_PARAM_VALUE})
 """kinds of the vehicle that do nothing where no messages are sent"""
 WHAT = {
@@ -59,6 +63,8 @@ class Speaker:
     imu_scale: float | None
     wanted: frozenset[int]
     listened: frozenset[int]
+    asks_truth: bool
+    """whether the truth of a simulator tells what the heights of fixes are"""
     air_temperature: str
     equal_heights: int
     """as `companion.intake.row_steps` has it"""
@@ -70,59 +76,106 @@ class Speaker:
 
 @dataclass
 class Arrays:
-    """The frames of a block from `first` on."""
+    """The items of a batch from one place on."""
 
-    frames: Rows
+    items: Rows
     readings: Rows
     tables: Tables
     untouched: Tables
     """a copy of the tables, from which a piece is taken anew"""
     python: NDArray[np.int64]
-    """the frames that the pipeline takes, increasing"""
+    """the items that the pipeline takes, increasing"""
 
-    def restore(self) -> None:
-        """Forget what was filled into the tables."""
-        for table, untouched in zip(self.tables[1:], self.untouched[1:], strict=True):
-            table[:] = untouched
+    def readings_of(self, start: int, stop: int) -> Rows:
+        """The readings of ``items[start:stop]``, which are not empty."""
+        first, last = self.items[start], self.items[stop - 1]
+        found: Rows = self.readings[int(first["first"]) : int(last["first"] + last["count"])]
+        return found
+
+    def restore(self, start: int, stop: int) -> None:
+        """Forget what was filled into the tables by ``items[start:stop]``."""
+        readings = self.readings_of(start, stop)
+        kinds, places = np.asarray(readings["kind"]), np.asarray(readings["row"])
+        for kind in np.unique(kinds).tolist():
+            rows = places[kinds == kind]
+            self.tables[1 + kind][rows] = self.untouched[1 + kind][rows]
 
 
-def arrays_of(data: NDArray[np.uint8], index: Rows, speaker: Speaker) -> Arrays:
-    """The arrays of frames, `index` rows of `record_scan.INDEX` that point into `data`."""
-    index = np.asarray(index)
-    frames = readable(np.zeros(index.size, FRAME))
-    frames["arrival_us"] = index["time_us"]
+Found = tuple[int, Readings]
+"""(message or table, readings); their places are of their items"""
+
+
+def arrays_of(batch: Batch, first: int, speaker: Speaker) -> Arrays:
+    """The arrays of the items of a batch from `first` on."""
+    if first:
+        batch = batch.part(first, batch.size)
+    items = readable(np.zeros(batch.size, ITEM))
+    items["arrival_us"] = batch.times_us
+    special = np.zeros(batch.size, np.bool_)
+    found = _of_frames(batch, items, special, speaker)
+    found += batch.readings
+    for heights in batch.heights:
+        what = RECORDED_TRUTH if heights.is_truth else RECORDED_HEIGHT
+        items["what"][heights.places] = what
+        items["a_us"][heights.places] = heights.rows["time_us"]
+        items["altitude_m"][heights.places] = heights.rows["altitude_amsl_m"]
+        items["climb_mps"][heights.places] = heights.rows["climb_mps"]
+        special[heights.places] |= heights.is_truth and speaker.asks_truth
+    items["what"][special] = PYTHON
+    doubted = speaker.equal_heights == DOUBTED
+    return _merged(items, found, np.flatnonzero(special), doubted=doubted)
+
+
+def _of_frames(
+    batch: Batch, items: Rows, special: NDArray[np.bool_], speaker: Speaker
+) -> list[Found]:
+    """The readings of the frames of a batch; fills in their `items`, and which are `special`: for
+    the pipeline."""
+    data, index = batch.data, np.asarray(batch.index)
+    places = np.arange(index.size) if batch.places is None else batch.places
     is_vehicle = _sent_by(index, speaker.vehicle)
-    frames["is_vehicle"] = is_vehicle
-    special = (index["signed"] != 0) | (_sent_by(index, speaker.own) & ~is_vehicle)
-    special |= ~is_vehicle & np.isin(index["message_id"], list(OF_OTHERS))
+    items["is_frame"][places] = 1
+    items["is_vehicle"][places] = is_vehicle
+    is_odd = (index["signed"] != 0) | (_sent_by(index, speaker.own) & ~is_vehicle)
+    for message_id in REQUESTS:
+        asked = np.flatnonzero(index["message_id"] == message_id)
+        table = columns(data, index[asked], message_id)
+        is_odd[asked] |= is_vehicle[asked] | _addressed(table, speaker.own)
     beats = np.flatnonzero(~is_vehicle & (index["message_id"] == HEARTBEAT))
-    special[beats] |= ~_of_stations(columns(data, index[beats], HEARTBEAT))
-    found: list[tuple[int, NDArray[np.int64], list[Readings]]] = []
+    is_odd[beats] |= ~_of_stations(columns(data, index[beats], HEARTBEAT))
+    found: list[Found] = []
     converters = _converters(speaker)
     for message_id in np.unique(index["message_id"][is_vehicle]).tolist():
         where = np.flatnonzero(is_vehicle & (index["message_id"] == message_id))
-        is_request = message_id in OF_OTHERS
-        special[where] |= is_request
-        if is_request or message_id not in speaker.wanted - (SILENT - speaker.listened):
+        if message_id in REQUESTS or message_id not in speaker.wanted - (SILENT - speaker.listened):
             continue
         converter = converters.get(message_id, [])
         known = bool(converter) or message_id in WHAT
         if not known or message_id in speaker.listened - {HEARTBEAT}:
-            special[where] = True
+            is_odd[where] = True
             continue
         table = columns(data, index[where], message_id)
         if message_id == HEARTBEAT:
-            special[where] |= _new_beats(table, speaker)
-        _fill_frames(frames, where, table, WHAT.get(message_id, PLAIN))
-        found.append((message_id, where, [each for make in converter for each in make(table)]))
-    frames["what"][special] = PYTHON
-    doubted = speaker.equal_heights == DOUBTED
-    return _merged(frames, found, np.flatnonzero(special), doubted=doubted)
+            is_odd[where] |= _new_beats(table, speaker)
+        _fill_items(items, places[where], table, WHAT.get(message_id, PLAIN))
+        of_messages = (each for make in converter for each in readings_of(make, table))
+        found += [(message_id, r._replace(places=places[where[r.places]])) for r in of_messages]
+    special[places] = is_odd
+    return found
 
 
 def _sent_by(index: Rows, sender: tuple[int, int]) -> NDArray[np.bool_]:
     found: NDArray[np.bool_] = (index["system_id"] == sender[0]) & (
         index["component_id"] == sender[1]
+    )
+    return found
+
+
+def _addressed(requests: NDArray[Any], own: tuple[int, int]) -> NDArray[np.bool_]:
+    """Which requests may be addressed to us: `companion.mavlink.requests` answers these."""
+    systems, components = requests["target_system"], requests["target_component"]
+    found: NDArray[np.bool_] = ((systems == own[0]) | (systems == 0)) & (
+        (components == own[1]) | (components == 0)
     )
     return found
 
@@ -148,11 +201,11 @@ def stations(data: NDArray[np.uint8], index: Rows) -> dict[tuple[int, int], int]
 
 def _converters(speaker: Speaker) -> dict[int, list[Converter]]:
     """The converters of each kind of message, in the order of their readings."""
-    found = {message_id: [make] for message_id, make in reading_columns.CONVERTERS.items()}
+    found = {message_id: [make] for message_id, make in convert.CONVERTERS.items()}
     scale = speaker.imu_scale
     if scale is not None:
-        found[RAW_IMU] = [lambda table: reading_columns.raw_imu(table, scale)]
-    for message_id, make in reading_columns.THERMOMETERS[speaker.air_temperature].items():
+        found[RAW_IMU] = [lambda fields, _: convert.raw_imu(fields, scale)]
+    for message_id, make in convert.THERMOMETERS[speaker.air_temperature].items():
         found[message_id] = [*found.get(message_id, []), make]
     return found
 
@@ -168,59 +221,55 @@ def _new_beats(table: NDArray[Any], speaker: Speaker) -> NDArray[np.bool_]:
     return new
 
 
-def _fill_frames(frames: Rows, where: NDArray[np.int64], table: NDArray[Any], what: int) -> None:
+def _fill_items(items: Rows, where: NDArray[np.int64], table: NDArray[Any], what: int) -> None:
     """What a message says beside its readings."""
-    frames["what"][where] = what
+    items["what"][where] = what
     if what == SYSTEM_TIME:
-        largest = np.uint64(reading_columns.LARGEST_STAMP_US)
-        frames["a_us"][where] = np.minimum(table["time_unix_usec"], largest)
-        frames["b_us"][where] = table["time_boot_ms"].astype("i8") * 1000
+        largest = np.uint64(LARGEST_STAMP_US)
+        items["a_us"][where] = np.minimum(table["time_unix_usec"], largest)
+        items["b_us"][where] = table["time_boot_ms"].astype("i8") * 1000
     elif what == OWN_HEIGHT:
-        frames["a_us"][where] = table["time_boot_ms"].astype("i8") * 1000
-        frames["altitude_m"][where] = table["alt"] * 1e-3
-        frames["above_home_m"][where] = table["relative_alt"] * 1e-3
-        frames["climb_mps"][where] = table["vz"] * -0.01
+        items["a_us"][where] = table["time_boot_ms"].astype("i8") * 1000
+        items["altitude_m"][where] = table["alt"] * 1e-3
+        items["above_home_m"][where] = table["relative_alt"] * 1e-3
+        items["climb_mps"][where] = table["vz"] * -0.01
     elif what == TRUTH:
         with np.errstate(invalid="ignore"):  # a signalling NaN
-            frames["altitude_m"][where] = table["alt"]
-            frames["climb_mps"][where] = -table["vd"]
+            items["altitude_m"][where] = table["alt"]
+            items["climb_mps"][where] = -table["vd"]
 
 
-def _merged(
-    frames: Rows,
-    found: list[tuple[int, NDArray[np.int64], list[Readings]]],
-    python: NDArray[np.int64],
-    *,
-    doubted: bool,
-) -> Arrays:
-    """The readings of all messages in the order of the frames."""
-    parts: list[Rows] = []
-    samples: dict[Kind, list[Rows]] = {kind: [] for kind in Kind}
-    sizes = dict.fromkeys(Kind, 0)
-    for message_id, where, readings in found:
-        for each in readings:
-            part = np.zeros(each.messages.size, READING)
-            part["above_m"] = np.nan
-            part["frame"], part["kind"] = where[each.messages], each.kind
-            part["row"] = sizes[each.kind] + np.arange(part.size)
-            part["origin"], part["stamp_us"] = BASES[each.base], each.stamp_us
-            part["source"], part["instance"] = message_id, each.samples["instance"]
-            part["rank"] = np.where(part["instance"] == 0, ImuSelector.rank(message_id, 0), -1)
-            part["is_highres"] = message_id == HIGHRES_IMU
-            if each.kind == Kind.GNSS and doubted:
-                part["above_m"] = _undulations_m(each.samples)
-            each.samples["arrival_us"] = frames["arrival_us"][part["frame"]]
-            samples[each.kind].append(each.samples)
-            sizes[each.kind] += part.size
-            parts.append(part)
-    all_parts = np.concatenate(parts) if parts else np.zeros(0, READING)
-    in_order = np.argsort(all_parts["frame"], kind="stable")  # of one frame as they are converted
-    ordered = readable(all_parts[in_order])
-    counts = np.bincount(np.asarray(ordered["frame"]), minlength=frames.size)
-    frames["count"], frames["first"] = counts, np.cumsum(counts) - counts
-    tables = _tables(samples, ordered.size)
+def _merged(items: Rows, found: list[Found], python: NDArray[np.int64], *, doubted: bool) -> Arrays:
+    """The readings of all messages in the order of the items; those of one item as they are
+    converted."""
+    places = [np.ascontiguousarray(each.places) for _, each in found]
+    counts = np.bincount(np.concatenate([np.zeros(0, np.int64), *places]), minlength=items.size)
+    items["count"], items["first"] = counts, np.cumsum(counts) - counts
+    readings = readable(np.zeros(int(counts.sum()), READING))
+    samples: dict[Kind, list[Found]] = {kind: [] for kind in Kind}
+    sizes, used = dict.fromkeys(Kind, 0), np.zeros(items.size, np.int64)
+    for (source, each), where in zip(found, places, strict=True):
+        is_doubted = each.kind == Kind.GNSS and doubted
+        enter(
+            items,
+            readings,
+            used,
+            where,
+            np.ascontiguousarray(each.stamp_us),
+            np.ascontiguousarray(each.samples["instance"]),
+            _undulations_m(each.samples) if is_doubted else np.zeros(0),
+            int(each.kind),
+            BASES[each.base],
+            source,
+            ImuSelector.rank(source, 0),
+            int(source == HIGHRES_IMU),
+            sizes[each.kind],
+        )
+        samples[each.kind].append((source, each))
+        sizes[each.kind] += where.size
+    tables = Tables(readable(np.zeros(readings.size, ORDER)), *_tables(samples, items))
     untouched = Tables(*(table.copy() for table in tables))
-    return Arrays(frames, ordered, tables, untouched, python)
+    return Arrays(items, readings, tables, untouched, python)
 
 
 def _undulations_m(fixes: Rows) -> NDArray[np.float64]:
@@ -232,21 +281,24 @@ def _undulations_m(fixes: Rows) -> NDArray[np.float64]:
     return found
 
 
-def _tables(samples: dict[Kind, list[Rows]], size: int) -> Tables:
-    """The tables of each kind, with room for an order of `size` samples."""
-    merged = (
-        readable(np.concatenate([np.asarray(each) for each in samples[kind]]))
-        if samples[kind]
-        else rows(DTYPES[kind], 0)
-        for kind in Kind
-    )
-    return Tables(readable(np.zeros(size, ORDER)), *merged)
+def _tables(samples: dict[Kind, list[Found]], items: Rows) -> Iterator[Rows]:
+    """The rows of each kind, as they were entered."""
+    arrival_us = np.asarray(items["arrival_us"])
+    for kind in Kind:
+        if not samples[kind]:
+            yield rows(DTYPES[kind], 0)
+            continue
+        table = np.concatenate([np.asarray(each.samples) for _, each in samples[kind]])
+        table["arrival_us"] = arrival_us[np.concatenate([e.places for _, e in samples[kind]])]
+        yield readable(table)
 
 
-def heights(frames: Rows, what: int, time_field: str) -> Rows:
-    """HEIGHT rows of the frames of one sort that have a time."""
-    chosen = frames[(frames["what"] == what) & (frames[time_field] >= 0)]
+def heights(items: Rows, *, truth: bool) -> Rows:
+    """HEIGHT rows of a simulator's truth, or of the autopilot's own, that have a time."""
+    what = np.asarray(items["what"])
+    one, other = (TRUTH, RECORDED_TRUTH) if truth else (OWN_HEIGHT, RECORDED_HEIGHT)
+    chosen = items[((what == one) | (what == other)) & (items["a_us"] >= 0)]
     found = np.zeros(chosen.size, HEIGHT)
-    found["time_us"] = chosen[time_field]
+    found["time_us"] = chosen["a_us"]
     found["altitude_amsl_m"], found["climb_mps"] = chosen["altitude_m"], chosen["climb_mps"]
     return found

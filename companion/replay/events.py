@@ -2,7 +2,7 @@
 
 import itertools
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from companion.mavlink.codec import Frame, Message, mavlink
 from companion.mavlink.radio import RADIOS, Radio, radio_of
-from companion.samples import Rows
+from companion.recorded import Batch
 
 if TYPE_CHECKING:
     from companion.pipeline import Pipeline
@@ -98,13 +98,13 @@ class LinkQuality:
         if frame.message_id in RADIOS and (radio := radio_of(frame)) is not None:
             self.radio.append((time_us, radio))
 
-    def take_block(self, index: Rows, frame: Callable[[int], tuple[int, Frame]]) -> None:
-        """Count frames, rows of `record_scan.INDEX`; `frame` gives that of a row."""
+    def take_block(self, batch: Batch) -> None:
+        """Count the frames of a batch."""
+        index = np.asarray(batch.index)
         numbers = np.asarray(index["system_id"], np.int64) * 256 + index["component_id"]
         for place in np.flatnonzero(np.isin(index["message_id"], list(RADIOS))).tolist():
-            time_us, report = frame(place)
-            if (radio := radio_of(report)) is not None:
-                self.radio.append((time_us, radio))
+            if (radio := radio_of(batch.frame(place))) is not None:
+                self.radio.append((int(index["time_us"][place]), radio))
         for number in np.flatnonzero(np.bincount(numbers)).tolist():
             sender = number // 256, number % 256
             rows = index[numbers == number]

@@ -20,7 +20,7 @@ from companion.mavlink.codec import Message
 from companion.observer import Block
 from companion.pipeline import Pipeline
 from companion.replay.events import Events
-from companion.samples import ESTIMATE, HEIGHT, Kind, Rows, Suspicion, Verdict, readable
+from companion.samples import DTYPES, ESTIMATE, HEIGHT, Kind, Rows, Suspicion, Verdict, readable
 
 NO_UNIX_US = -(1 << 61)
 """below any offset of UNIX time"""
@@ -75,6 +75,8 @@ class Recording:
         self._rates: Counter[tuple[Kind, int]] = Counter()
         self._sampled: list[NDArray[np.int64]] = []
         """kind and second of the samples that are not in `_rates` yet"""
+        self._airspeeds: list[Rows] = []
+        """AIRSPEED rows in pieces"""
 
     def sample(self, kind: Kind, row: Rows, verdict: Verdict, estimate: Rows) -> None:
         value = row[0]
@@ -84,6 +86,9 @@ class Recording:
             self._rates[kind, int(value["time_us"]) // 1_000_000] += 1
         if kind is Kind.STATUS:
             self._note_armed(int(value["time_us"]), int(value["armed"]))
+            return
+        if kind is Kind.AIRSPEED:
+            self._airspeeds.append(row.copy())
             return
         if kind is not Kind.PRESSURE and kind is not Kind.GNSS:
             return
@@ -117,6 +122,8 @@ class Recording:
             status["time_us"].tolist(), status["armed"].tolist(), strict=True
         ):
             self._note_armed(time_us, armed)
+        if tables.airspeed.size:
+            self._airspeeds.append(np.array(tables.airspeed))
         chosen = np.flatnonzero((kinds == Kind.PRESSURE) | (kinds == Kind.GNSS))
         is_gnss = kinds[chosen] == Kind.GNSS
         if not chosen.size:
@@ -200,13 +207,18 @@ class Recording:
     def measured(self) -> Measured:
         """What the smoother takes."""
         baro, gnss = self.of(Kind.PRESSURE), self.of(Kind.GNSS)
+        air = np.concatenate([np.zeros(0, DTYPES[Kind.AIRSPEED]), *self._airspeeds])
+        air = air[air["instance"] == 0]
         return Measured(
             np.asarray(baro["time_us"], np.float64),
             baro_altitude_array(baro["pressure_pa"]),
             np.asarray(gnss["time_us"], np.float64),
             np.asarray(gnss["gnss_altitude_m"]),
             np.asarray(gnss["gnss_sd_m"]),
+            np.asarray(gnss["fix_type"]),
             np.asarray(gnss["ground_speed_mps"]),
+            np.asarray(air["time_us"], np.float64),
+            np.asarray(air["airspeed_mps"]),
         )
 
     def track(self, source: str) -> tuple[Array, Array]:

@@ -19,13 +19,12 @@ from companion.errors import LogFormatError
 from companion.logs import LogReader
 from companion.logs.encoding import frame_of
 from companion.logs.files import opened
-from companion.logs.tlog import TlogReader
 from companion.mavlink.codec import Frame, FrameReject, Message, decode, mavlink
 from companion.mavlink.convert import TimeBase
 from companion.mavlink.identity import autopilot_name, is_autopilot
 from companion.observer import Block, BlockObserver, Observer
 from companion.pipeline import Pipeline
-from companion.recorded import Item, Sensed
+from companion.recorded import Batch, Item, Sensed
 from companion.replay.blocks import BlockRunner
 from companion.replay.events import LinkQuality
 from companion.samples import Kind, Rows, Verdict
@@ -168,13 +167,12 @@ class _Splitter(Generic[Seen]):
                 self.autopilots[item.system_id] = self.autopilots.get(item.system_id, 0) + 1
         return self.pipeline.feed_item(item, time_us)
 
-    def passed(self, index: Rows, frame: Callable[[int], tuple[int, Frame]]) -> None:
-        """Frames of the present session, rows of `record_scan.INDEX`, were taken; `frame` gives
-        that of a row."""
+    def passed(self, batch: Batch) -> None:
+        """A part of a batch was taken in the present session."""
         if not self._open.first_us:
-            self._open.first_us = int(index["time_us"][0])
-        self._open.last_us = int(index["time_us"][-1])
-        self._open.link.take_block(index, frame)
+            self._open.first_us = int(batch.times_us[np.argmax(batch.times_us != 0)])
+        self._open.last_us = int(batch.times_us[-1])
+        self._open.link.take_block(batch)
 
     @property
     def takes_blocks(self) -> bool:
@@ -264,7 +262,7 @@ def _pass(
     on_progress: Callable[[float], None] | None,
 ) -> _Splitter[Seen]:
     splitter = _Splitter(settings, observe, make)
-    if writer is None and isinstance(reader, TlogReader) and splitter.takes_blocks:
+    if writer is None and splitter.takes_blocks:
         _pass_blocks(reader, splitter, on_progress)
         return splitter
     items = reader.items(splitter.pipeline.wanted)
@@ -286,7 +284,7 @@ def _pass(
 
 
 def _pass_blocks(
-    reader: TlogReader, splitter: _Splitter[Seen], on_progress: Callable[[float], None] | None
+    reader: LogReader, splitter: _Splitter[Seen], on_progress: Callable[[float], None] | None
 ) -> None:
     """As `_pass`, in blocks; a block with a step of a day is taken one item at a time."""
     days = _Days(splitter)
@@ -294,10 +292,10 @@ def _pass_blocks(
         pipeline, runner = splitter.pipeline, splitter.runner
         if runner is None or runner.pipeline is not pipeline:
             runner = splitter.runner = BlockRunner(pipeline, splitter.take, splitter.passed)
-        if days.steps(np.asarray(batch.rows["time_us"])):
+        if days.steps(batch.times_us):
             for time_us, item in days.take(reader.items_of(batch, pipeline.wanted)):
                 splitter.feed(time_us, item)
-        elif batch.rows.size:
+        elif batch.size:
             runner.run(batch, splitter.block_observer)
             reader.passed(batch)
         if on_progress is not None:

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 
 from companion.errors import SimulationError
-from sim.aircraft_state import Controls, Truth
+from sim.aircraft_state import Controls, Truth, new_controls
 from sim.pilot.gains import GAINS
 
 UPDATE_HZ = 50
@@ -124,10 +124,10 @@ class Autopilot:
         if mode is _FLARE:  # the wing tips are near the ground
             bank = _clamp(bank, -_FLARE_BANK_RAD, _FLARE_BANK_RAD)
         gear = 1.0 if mode is _APPROACH or mode is _FLARE else 0.0
-        return Controls(
-            self._elevator(truth, pitch), self._aileron(truth, bank), rudder, self._throttle,
-            0.0, 0.0, self._flaps(mode), gear,
-        )  # fmt: skip
+        elevator, aileron = self._elevator(truth, pitch), self._aileron(truth, bank)
+        return new_controls(
+            (elevator, aileron, rudder, self._throttle, 0.0, 0.0, self._flaps(mode), gear, 0.0)
+        )
 
     def _throttle_for(self, mode: Mode, target: Target) -> float:
         if mode is _AIRSPEED:
@@ -317,7 +317,8 @@ class Autopilot:
         total = self._pitch_sum + gains.pitch_i * error * _DT_S
         self._pitch_sum = total = -0.6 if total < -0.6 else 0.6 if total > 0.6 else total
         surface = gains.pitch_p * error + total - gains.pitch_rate * truth.pitch_rate_radps
-        return _clamp(surface * self._effectiveness, -1.0, 1.0)
+        surface *= self._effectiveness
+        return -1.0 if surface < -1.0 else 1.0 if surface > 1.0 else surface
 
     def _aileron(self, truth: Truth, bank_rad: float) -> float:
         gains = self.gains
@@ -325,7 +326,8 @@ class Autopilot:
         total = self._bank_sum + gains.bank_i * error * _DT_S
         self._bank_sum = total = -0.3 if total < -0.3 else 0.3 if total > 0.3 else total
         surface = gains.bank_p * error + total - gains.roll_rate * truth.roll_rate_radps
-        return _clamp(surface * self._effectiveness, -1.0, 1.0)
+        surface *= self._effectiveness
+        return -1.0 if surface < -1.0 else 1.0 if surface > 1.0 else surface
 
 
 def _clamp(value: float, low: float, high: float) -> float:
@@ -333,7 +335,8 @@ def _clamp(value: float, low: float, high: float) -> float:
 
 
 def _towards(value: float, goal: float, step: float) -> float:
-    return value + _clamp(goal - value, -step, step)
+    change = goal - value
+    return value + (-step if change < -step else step if change > step else change)
 
 
 def _wrapped(angle_rad: float) -> float:

@@ -152,10 +152,10 @@ class Profile:
             self._capture(truth)
         return self._target
 
-    def seen(self, truth: Truth, own: Position | None, flown_by: str) -> Truth:
-        """What the autopilot flies by: the truth, in a leg in the air with the vehicle's own
-        altitude if `flown_by` says "estimate"."""
-        if flown_by == "truth" or own is None or not isinstance(self.leg, Flown):
+    def seen(self, truth: Truth, own: Position | None) -> Truth:
+        """What an autopilot sees that flies by the vehicle's own estimate: its altitude in a leg in
+        the air, the truth otherwise."""
+        if own is None or not isinstance(self.leg, Flown):
             return truth
         return truth._replace(altitude_amsl_m=own.altitude_amsl_m)
 

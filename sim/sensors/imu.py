@@ -141,6 +141,8 @@ class _Triad:
         ).__next__
         self._limit = limit
         self.mounting = _mounting(seed, name, config)
+        self._perfect = self.mounting is None and self.thermal is None
+        """whether only bias and noise are added"""
 
     def _draw(self, seed: int, name: str, walk: float, noise: float) -> Iterator[list[float]]:
         """Bias, walking from the turn-on one, and white noise of one sample after the other."""
@@ -155,10 +157,9 @@ class _Triad:
             yield from (biases[1:] + noise * next(white).reshape(-1, 3)).tolist()
 
     def measure(self, true: Vector, cold_k: float) -> Vector:
-        x, y, z = (
-            true if self.mounting is None and self.thermal is None else self._seen(true, cold_k)
-        )
-        error_x, error_y, error_z = self._error()
+        if not self._perfect:
+            true = self._seen(true, cold_k)
+        (x, y, z), (error_x, error_y, error_z) = true, self._error()
         x += error_x
         y += error_y
         z += error_z

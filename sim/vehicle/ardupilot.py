@@ -10,6 +10,7 @@ unknown, SCALED_PRESSURE stamped when sent.
 import math
 import struct
 from collections.abc import Mapping
+from functools import cache
 
 from companion.mavlink.codec import mavlink
 from sim import BOOT_UNIX_US
@@ -58,16 +59,20 @@ def raw_imu(state: State) -> bytes | None:
     if sample is None or truth is None:
         return None
     _, (x, y, z), (p, q, r), die_cdegc = sample
-    x, y, z, p, q, r = x * _MG, y * _MG, z * _MG, p * 1000.0, q * 1000.0, r * 1000.0
     ahead, right, below = field_b_mgauss(truth)
-    mag = int(ahead), int(right), int(below)
     try:
         return _RAW_IMU.wire(
-            state.time_us, int(x), int(y), int(z), int(p), int(q), int(r), *mag, 0, die_cdegc
-        )
+            state.time_us,
+            int(x * _MG), int(y * _MG), int(z * _MG),
+            int(p * 1000.0), int(q * 1000.0), int(r * 1000.0),
+            int(ahead), int(right), int(below),
+            0,
+            die_cdegc,
+        )  # fmt: skip
     except (struct.error, OverflowError):  # beyond the range of the fields
-        values = map(int16, (x, y, z, p, q, r))
-        return _RAW_IMU.wire(state.time_us, *values, *mag, 0, die_cdegc)
+        motion = (x * _MG, y * _MG, z * _MG, p * 1000.0, q * 1000.0, r * 1000.0)
+        values = (*motion, ahead, right, below)
+        return _RAW_IMU.wire(state.time_us, *map(int16, values), 0, die_cdegc)
 
 
 def scaled_pressure(state: State) -> bytes | None:
@@ -175,6 +180,11 @@ def sys_status(state: State) -> bytes:
         healthy |= _RECEIVER
     if state.position is not None:
         healthy |= _ESTIMATE
+    return _sys_status(healthy)
+
+
+@cache
+def _sys_status(healthy: int) -> bytes:
     return _SYS_STATUS.named(
         onboard_control_sensors_present=_ALL_SENSORS,
         onboard_control_sensors_enabled=_ALL_SENSORS,

@@ -27,10 +27,9 @@ class Packer:
         self.message_id: int = kind.id
         self.wire: Callable[..., bytes] = kind.unpacker.pack
         """the payload of values in the order of the wire (see ``ordered_fieldnames``)"""
-        self._extra = bytes([kind.crc_extra])
-        tail: bytes = bytes((SYSTEM_ID, COMPONENT_ID)) + self.message_id.to_bytes(3, "little")
-        self._heads = [bytes((0, 0, sequence)) + tail for sequence in range(256)]
-        """the header behind the length, by sequence number"""
+        self.frame = _framer(self.message_id, kind.crc_extra)
+        """(payload, sequence number) -> the whole frame of the vehicle's, unsigned, without the
+        zeros at the end of its payload, as MAVLink 2 demands"""
         types = [
             kind.fieldtypes[order] for order in map(kind.fieldnames.index, kind.ordered_fieldnames)
         ]
@@ -51,15 +50,19 @@ class Packer:
             raise TypeError(f"{self.name} has no field {', '.join(fields)}")
         return self.wire(*values)
 
-    def frame(self, payload: bytes, sequence: int) -> bytes:
-        """The whole frame of the vehicle's, unsigned, without the zeros at the end of its payload,
-        as MAVLink 2 demands."""
+
+def _framer(message_id: int, crc_extra: int) -> Callable[[bytes, int], bytes]:
+    """`Packer.frame` of one kind; a closure costs two thirds of a method."""
+    tail: bytes = bytes((SYSTEM_ID, COMPONENT_ID)) + message_id.to_bytes(3, "little")
+    heads = [bytes((0, 0, sequence)) + tail for sequence in range(256)]  # behind the length
+    start, extra, lengths, checksum = bytes([V2]), bytes([crc_extra]), _BYTES, _CHECKSUM
+
+    def frame(payload: bytes, sequence: int) -> bytes:
         payload = payload.rstrip(b"\0") or b"\0"
-        body = _BYTES[len(payload)] + self._heads[sequence] + payload
-        return _START + body + _CHECKSUM(mcrf4xx(body + self._extra))
+        body = lengths[len(payload)] + heads[sequence] + payload
+        return start + body + checksum(mcrf4xx(body + extra))
 
-
-_START = bytes([V2])
+    return frame
 
 
 @cache

@@ -64,9 +64,9 @@ class OwnEstimate:
         self._raise_time_s = raise_time_s
         seed = seed if config.seed is None else config.seed
 
-        def error(name: str, sd_deg: float) -> GaussMarkov:
-            noise = normals(seed, "estimate", name)
-            return GaussMarkov(math.radians(sd_deg), config.attitude_time_s, attitude_dt_s, noise)
+        def error(name: str, sd_deg: float) -> Callable[[], float]:
+            noise, time_s = normals(seed, "estimate", name), config.attitude_time_s
+            return GaussMarkov(math.radians(sd_deg), time_s, attitude_dt_s, noise).step
 
         self._roll = error("roll", config.tilt_sd_deg)
         self._pitch = error("pitch", config.tilt_sd_deg)
@@ -149,9 +149,9 @@ class OwnEstimate:
     def attitude(self, truth: Truth) -> tuple[float, float, float]:
         """Roll, pitch, yaw (rad). Call it once every ``attitude_dt_s``: the errors advance."""
         return (
-            truth.roll_rad + self._roll.step(),
-            truth.pitch_rad + self._pitch.step(),
-            math.remainder(truth.yaw_rad + self._yaw.step(), math.tau),
+            truth.roll_rad + self._roll(),
+            truth.pitch_rad + self._pitch(),
+            math.remainder(truth.yaw_rad + self._yaw(), math.tau),
         )
 
 

@@ -5,6 +5,7 @@ A live link starts at the default rates of the flavour (ArduPlane's 1 Hz) and ob
 that it receives; a log gets the full set. Rates hold in simulated time.
 """
 
+import math
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from heapq import heapify, heappop, heappush
@@ -29,8 +30,8 @@ class _Stream:
     """One message on one port."""
 
     __slots__ = (
-        "carriers", "default_us", "free", "fresh", "interval_us", "message_id", "packer",
-        "payload", "place", "row",
+        "carriers", "default_us", "free", "fresh", "interval_us", "message_id", "moves", "packer",
+        "payload", "place", "row", "sent",
     )  # fmt: skip
 
     def __init__(self, place: int, row: Telemetry, interval_us: int) -> None:
@@ -44,6 +45,9 @@ class _Stream:
         """messages of ``row.follows`` that are streamed on this port"""
         self.free = True
         """whether it waits for nothing but its time"""
+        self.moves = False
+        """whether it waits for a new truth as well, and for nothing else"""
+        self.sent = 0
 
 
 class Port:
@@ -64,7 +68,8 @@ class Port:
         absent: Collection[int] = (),
     ) -> None:
         self.name = name
-        self.sent: Counter[str] = Counter()
+        self._answers: Counter[str] = Counter()
+        """messages sent beside the streams, by name"""
         self.sent_bytes = 0
         self.dropped = 0
         self.forwarded = 0
@@ -87,6 +92,11 @@ class Port:
         """measurement time of the last fix sent"""
         self._activate({})
 
+    @property
+    def due_us(self) -> float:
+        """When the next message is due."""
+        return self._waiting[0][0] if self._waiting else math.inf
+
     def stream(self, state: State) -> None:
         """Send every message that is due and has a new sample."""
         now_us, waiting = state.time_us, self._waiting
@@ -95,14 +105,18 @@ class Port:
         due = []
         while waiting and waiting[0][0] <= now_us:
             due.append(heappop(waiting))
-        due.sort(key=_PLACE)
+        if due[0][0] != due[-1][0]:  # else the heap gave them in the order of their places
+            due.sort(key=_PLACE)
+        moved = state.truth is not None and state.truth.time_us == now_us
         last_id = -1
         for was_due_us, place, stream in due:
             due_us = was_due_us
-            if stream.free or self._is_new(stream, state, last_id):
+            if stream.free or (
+                moved if stream.moves else self._is_new(stream, state, last_id, moved)
+            ):
                 payload = stream.payload(state)
                 if payload is not None:
-                    self.send(stream.packer, payload)
+                    stream.sent += self._send(stream.packer, payload)
                     last_id = stream.message_id
                     # Behind by more than an interval (it had to wait for a fix): start over instead
                     # of catching up.
@@ -112,7 +126,7 @@ class Port:
                         due_us = now_us + interval_us
             heappush(waiting, (due_us, place, stream))
 
-    def _is_new(self, stream: _Stream, state: State, last_id: int) -> bool:
+    def _is_new(self, stream: _Stream, state: State, last_id: int, moved: bool) -> bool:
         """Whether there is a sample that was not sent, and the carrier of its time has just gone
         out."""
         if stream.carriers and last_id not in stream.carriers:
@@ -121,7 +135,7 @@ class Port:
         if fresh is _ANY:
             return True
         if fresh is _MOTION:
-            return state.truth is not None and state.truth.time_us == state.time_us
+            return moved
         if fresh is _IMU:
             return state.imu is not None and state.imu.time_us == state.time_us
         if fresh is _PRESSURE:
@@ -132,15 +146,24 @@ class Port:
         return True
 
     def send(self, packer: Packer, payload: bytes) -> None:
-        """Send one message now."""
+        """Send one message now, beside the streams."""
+        self._answers[packer.name] += self._send(packer, payload)
+
+    def _send(self, packer: Packer, payload: bytes) -> bool:
         sequence = self._sequence
         self._sequence = (sequence + 1) & 0xFF
         frame = packer.frame(payload, sequence)
         if self._deliver(frame):
-            self.sent[packer.name] += 1
             self.sent_bytes += len(frame)
-        else:
-            self.dropped += 1
+            return True
+        self.dropped += 1
+        return False
+
+    @property
+    def sent(self) -> Counter[str]:
+        """Messages sent, by name."""
+        streamed = {each.packer.name: each.sent for each in self._streams.values()}
+        return Counter(streamed) + self._answers
 
     def forward(self, frame: bytes) -> None:
         """Send a frame of another sender unchanged."""
@@ -195,6 +218,7 @@ class Port:
                 message_id for message_id in stream.row.follows if message_id in streamed
             )
             stream.free = stream.fresh is _ANY and not stream.carriers
+            stream.moves = stream.fresh is _MOTION and not stream.carriers
         self._waiting = [(due_us.get(each.place, 0), each.place, each) for each in active]
         heapify(self._waiting)
 

@@ -4,7 +4,7 @@ None has a time stamp of the vehicle's clock but the last, which goes to logs an
 it.
 """
 
-import math
+from math import cos, remainder, sin, tau
 
 from sim.vehicle.frames import packer
 from sim.vehicle.stream import State
@@ -12,8 +12,8 @@ from sim.vehicle.stream import State
 SIM_STATE = packer("SIM_STATE")
 SIMSTATE = packer("SIMSTATE")
 TRUE_AIR = packer("DEBUG_FLOAT_ARRAY")
-_NAME = "trueAir"
-_ARRAY_SIZE = 58
+_NAME = b"trueAir"
+_UNUSED = (0.0,) * 58
 
 
 def sim_state(state: State) -> bytes | None:
@@ -22,10 +22,10 @@ def sim_state(state: State) -> bytes | None:
     truth, motion = state.truth, state.motion
     if truth is None or motion is None:
         return None
-    roll, pitch, yaw = truth.roll_rad, truth.pitch_rad, truth.yaw_rad
-    cr, sr = math.cos(roll / 2), math.sin(roll / 2)
-    cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
-    cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
+    _, latitude_deg, longitude_deg, altitude_m, north, east, down, roll, pitch, yaw, *_ = truth
+    cr, sr = cos(roll / 2), sin(roll / 2)
+    cp, sp = cos(pitch / 2), sin(pitch / 2)
+    cy, sy = cos(yaw / 2), sin(yaw / 2)
     return SIM_STATE.wire(
         cr * cp * cy + sr * sp * sy,
         sr * cp * cy - cr * sp * sy,
@@ -33,19 +33,19 @@ def sim_state(state: State) -> bytes | None:
         cr * cp * sy - sr * sp * cy,
         roll,
         pitch,
-        math.remainder(yaw, math.tau),
-        *motion.specific_force_b_mps2,
-        *motion.angular_rate_b_radps,
-        truth.latitude_deg,
-        truth.longitude_deg,
-        truth.altitude_amsl_m,
+        remainder(yaw, tau),
+        *motion[0],
+        *motion[1],
+        latitude_deg,
+        longitude_deg,
+        altitude_m,
         0.0,
         0.0,
-        truth.north_mps,
-        truth.east_mps,
-        truth.down_mps,
-        round(truth.latitude_deg * 1e7),
-        round(truth.longitude_deg * 1e7),
+        north,
+        east,
+        down,
+        round(latitude_deg * 1e7),
+        round(longitude_deg * 1e7),
     )
 
 
@@ -57,7 +57,7 @@ def simstate(state: State) -> bytes | None:
     return SIMSTATE.wire(
         truth.roll_rad,
         truth.pitch_rad,
-        math.remainder(truth.yaw_rad, math.tau),
+        remainder(truth.yaw_rad, tau),
         *motion.specific_force_b_mps2,
         *motion.angular_rate_b_radps,
         round(truth.latitude_deg * 1e7),
@@ -73,6 +73,4 @@ def true_air(state: State) -> bytes | None:
         return None
     air = state.true_air(state.truth)
     told = [air.qnh_pa * 0.01, air.sea_level_pa * 0.01, *air[2:]]
-    return TRUE_AIR.named(
-        time_usec=state.truth.time_us, name=_NAME, data=told + [0.0] * (_ARRAY_SIZE - len(told))
-    )
+    return TRUE_AIR.wire(state.truth.time_us, 0, _NAME, *told, *_UNUSED[len(told) :])

@@ -193,6 +193,9 @@ class Weather:
         self._standard, self._own = Column(), Column()
         """columns for the QNH: the standard day's, and a copy of JSBSim's"""
         self._own_k = 0.0
+        self._qnh_of: Now | None = None
+        """the weather whose QNH `_qnh_pa` is"""
+        self._qnh_pa = math.nan
         self._solved: tuple[float, float] | None = None
         self._applied_air: tuple[float, float, float] | None = None
         self._applied_wind: tuple[float, float, float] | None = None
@@ -241,8 +244,10 @@ class Weather:
     def truth(self, truth: Truth) -> TrueAir:
         """The air of the last `update` at the position of `truth`."""
         now = self.now
+        if self._qnh_of is not now:
+            self._qnh_of, self._qnh_pa = now, self._reduced_pa()
         return TrueAir(
-            self._qnh_pa(),
+            self._qnh_pa,
             now.sea_level_pa,
             truth.temperature_k - standard_k(truth.altitude_amsl_m),
             pressure_altitude_m(truth.pressure_pa),
@@ -251,7 +256,7 @@ class Weather:
             now.down_mps,
         )
 
-    def _qnh_pa(self) -> float:
+    def _reduced_pa(self) -> float:
         """The field's pressure reduced to sea level through the standard column, Pa."""
         column = self._column
         if column is None:

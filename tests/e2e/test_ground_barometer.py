@@ -15,11 +15,12 @@ from sim.flight import Flight
 from sim.scenario import Scenario
 from tests.vehicle import Vehicle
 
-ELEVATION_M, OUTAGE_S, FALL_PA = 300.0, 240.0, 370.0
+ELEVATION_M, OUTAGE_S, FALL_PA = 300.0, 240.0, 62.0
+"""of ten minutes: the largest change of a year is 31 m an hour"""
 SCENARIO = Scenario.model_validate(
     {
         "name": "falling",
-        "summary": "Sea-level pressure falls by 31 m of air in ten minutes, without GNSS.",
+        "summary": "Sea-level pressure falls by 5 m of air in ten minutes, without GNSS.",
         "aloft": {"altitude_amsl_m": 800},
         "weather": {
             "pressure": [
@@ -94,4 +95,4 @@ def test_the_weather_is_measured_on_the_ground(tmp_path: Path) -> None:
         before = error[(time_s > OUTAGE_S - 20.0) & (time_s < OUTAGE_S)].mean()
         drift_m[name] = error[time_s > OUTAGE_S] - before
     assert np.sqrt(np.mean(drift_m["with"] ** 2)) < 1.0
-    assert np.abs(drift_m["without"][-200:].mean()) > 15.0
+    assert np.abs(drift_m["without"][-200:].mean()) > 3.0

@@ -1,5 +1,5 @@
 """A replay in blocks gives what the pipeline gives for one message at a time: sessions, rows with
-estimates, counts and texts, byte for byte, on a simulated flight and every tlog at hand."""
+estimates, counts and texts, byte for byte, on a simulated flight and every log at hand."""
 
 import os
 import subprocess
@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from companion.errors import LogFormatError
-from companion.logs import open_log
+from companion.logs import FORMATS, open_log
 from companion.mavlink.codec import Message
 from companion.observer import Observer
 from companion.pipeline import Pipeline
@@ -19,14 +19,16 @@ from companion.replay.record import Recording
 from companion.replay.sessions import Session, sessions_of
 from companion.samples import Kind, Rows, Verdict
 from companion.settings import CompanionSettings
+from tests import logfiles
 from tests.paths import DATA, ROOT
 
 QUICK_BYTES = 230_000
 LOGS = [
     pytest.param(
-        path, id=path.stem, marks=() if path.stat().st_size < QUICK_BYTES else pytest.mark.long
+        path, id=path.name, marks=() if path.stat().st_size < QUICK_BYTES else pytest.mark.long
     )
-    for path in sorted(DATA.glob("*/*.tlog"))
+    for path in sorted(DATA.glob("*/*.*"))
+    if path.suffix in (".tlog", ".bin", ".log", ".ulg")
 ]
 
 
@@ -87,6 +89,12 @@ def same(path: Path, **changes: Any) -> None:
 @pytest.mark.parametrize("estimator", ["vertical-bank", "adaptive-fusion"])
 def test_a_simulated_flight(short_hop: Path, estimator: str) -> None:
     same(short_hop, estimator=estimator)
+
+
+@pytest.mark.parametrize("name", sorted(set(FORMATS) - {"tlog"}))
+def test_a_log_of_every_format(name: str, tmp_path: Path) -> None:
+    path, _ = logfiles.write(name, tmp_path, duration_s=60.0)
+    same(path)
 
 
 @pytest.mark.parametrize("path", LOGS)

@@ -18,10 +18,11 @@ from companion.logs.tlog import TlogReader
 from companion.mavlink.codec import Decoder
 from sim import BOOT_UNIX_US
 from sim.aircraft_state import Controls, Motion, Truth
-from sim.flight import Flight
+from sim.flight import Flight, Progress
 from sim.pilot.autopilot import Target
 from sim.pilot.profile import Climb, Descend, Hold, Leg, TakeOff
 from sim.scenario import Scenario, load_scenario
+from sim.vehicle.flavours import FlavourName
 
 BASE = {"name": "test", "summary": "of a test", "profile": [{"leg": "wait", "duration_s": 20}]}
 
@@ -305,3 +306,25 @@ def test_twenty_minutes_of_changing_weather(seed: int) -> None:
     assert state.position is not None
     assert state.truth is not None
     assert state.position.altitude_amsl_m - state.truth.altitude_amsl_m > 15.0
+
+
+@pytest.mark.parametrize(
+    ("name", "flavour"), [("short-hop", "px4"), ("lossy-radio", None), ("weather-front", None)]
+)
+def test_blocks_of_ticks_give_the_bytes_of_single_ticks(
+    name: str, flavour: FlavourName | None, tmp_path: Path
+) -> None:
+    """`run` flies ten ticks before the sensors take them; `tick` takes each at once."""
+    end_us, logs = 40_000_000, (tmp_path / "blocks.tlog", tmp_path / "ticks.tlog")
+    in_blocks, by_ticks = (Flight(load_scenario(name), tlog=path, flavour=flavour) for path in logs)
+
+    def stop(progress: Progress) -> None:
+        if progress.time_s * 1e6 >= end_us:
+            in_blocks.stop()
+
+    assert in_blocks.run(stop).sent_bytes > 100_000
+    while by_ticks.time_us < end_us:
+        by_ticks.tick()
+    by_ticks.stop()
+    by_ticks.run()
+    assert logs[0].read_bytes() == logs[1].read_bytes()

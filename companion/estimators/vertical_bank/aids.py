@@ -16,14 +16,12 @@ from companion.estimators.vertical_bank.baro_terms.column import column_ratio
 from companion.estimators.vertical_bank.channel import (
     HEIGHT,
     OFFSET,
-    RATE,
     SCALE,
     SIZE,
     TAKEOFF,
     absorb,
     dot,
     gather,
-    replace,
     sees_height,
     sees_nothing,
 )
@@ -71,7 +69,6 @@ AIDS = np.dtype(
         ("known_qnh_pa", "f8"),  # NaN unknown
         ("known_qnh_us", "i8"),
         ("known_qnh_sd_pa", "f8"),
-        ("measured_qnh_pa", "f8"),  # newest of a reference barometer, NaN none
         ("air_k", "f8"),
         ("field_m", "f8"),
         ("H", "f8", (SIZE,)),
@@ -98,7 +95,7 @@ def aids_start(aids: Record) -> None:
         math.nan,
         math.nan,
     )
-    aids.known_qnh_sd_pa, aids.measured_qnh_pa = math.nan, math.nan
+    aids.known_qnh_sd_pa = math.nan
     aids.range_m, aids.range_us, aids.takeoff_range_m = math.nan, -FRESH_US, REST_RANGE_M
     aids.range_instance, aids.range_above_m, aids.ground_m = 0, math.nan, 0.0
     for i in range(2):
@@ -140,22 +137,6 @@ def fuse_qnh(aids: Record, bank: Record, height_m: float) -> bool:
 def know_qnh(aids: Record, qnh_pa: float, sd_pa: float, time_us: int) -> None:
     """A QNH with the standard deviation of its constant error."""
     aids.known_qnh_pa, aids.known_qnh_sd_pa, aids.known_qnh_us = qnh_pa, sd_pa, time_us
-
-
-@step
-def follow_weather(aids: Record, bank: Record, qnh_pa: float) -> bool:
-    """The offset moves as the QNH that a reference barometer measures; whether there was one
-    before. The reference's own error is constant: it is in the first value, which is fused as any
-    QNH, and not in the changes after it. From the first on, the rate of the offset is that of other
-    causes than weather."""
-    before_pa = aids.measured_qnh_pa
-    aids.measured_qnh_pa = qnh_pa
-    for i in range(N):
-        if bank.weight[i] > 0.0 and math.isnan(before_pa):
-            replace(bank.x[i], bank.P[i], RATE, 0.0, bank.P[i, RATE, RATE])
-        elif bank.weight[i] > 0.0:
-            bank.x[i, OFFSET] += baro_altitude_m(qnh_pa) - baro_altitude_m(before_pa)
-    return not math.isnan(before_pa)
 
 
 @step

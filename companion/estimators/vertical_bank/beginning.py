@@ -23,7 +23,7 @@ from companion.estimators.vertical_bank.channel import (
     expect_baro,
     replace,
 )
-from companion.estimators.vertical_bank.mixture import GN, N, heaviest
+from companion.estimators.vertical_bank.mixture import GN, N, heaviest, rate_sd_mps
 from companion.jit import step
 from companion.samples import Record
 
@@ -51,7 +51,8 @@ def bank_start(bank: Record, p: Record) -> None:
         P[LIFT, LIFT] = p.lift_sd_m * p.lift_sd_m
         P[LAG, LAG] = p.lag_sd_s * p.lag_sd_s
     bank.outage, bank.blind, bank.slope_mps = 1, 1, 0.0
-    bank.evidence, bank.heard = 0.0, 0.0
+    bank.evidence, bank.heard, bank.protection_m = 0.0, 0.0, 0.0
+    bank.measured_qnh_pa, bank.measured_us = math.nan, -1
     bank.fast_m2 = p.fast_sd_m * p.fast_sd_m
     normalise_priors(bank, p)
 
@@ -90,7 +91,7 @@ def resume(bank: Record, p: Record) -> None:
     for j in range(GN):
         if bank.weight[j] == 0.0:
             duplicate(bank.x[j], bank.P[j], bank.x[top], bank.P[top])
-        rate_m2 = p.rate_sd_mps[j] * p.rate_sd_mps[j]
+        rate_m2 = rate_sd_mps(bank, p, j) ** 2
         replace(bank.x[j], bank.P[j], HEIGHT, bank.x[j, HEIGHT], UNKNOWN_M2)
         replace(bank.x[j], bank.P[j], CLIMB, 0.0, p.start_climb_mps * p.start_climb_mps)
         replace(bank.x[j], bank.P[j], RATE, 0.0, rate_m2)

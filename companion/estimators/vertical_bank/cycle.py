@@ -11,6 +11,7 @@ from companion.estimators.vertical_bank.inertial import forget_manoeuvre, has_se
 from companion.estimators.vertical_bank.mixture import advance, climb_the_column, mean, variance
 from companion.estimators.vertical_bank.publishing import publish
 from companion.estimators.vertical_bank.takeoff import REST_SPEED_MPS, watch_takeoff
+from companion.estimators.vertical_bank.weather import age_weather
 from companion.jit import step
 from companion.samples import Rows
 
@@ -41,6 +42,7 @@ def predict(state: Rows, params: Rows, time_us: int) -> None:
     unseen_mps = unseen_speed_mps(s.baro, p, time_us)
     bank.fast_m2 = p.fast_sd_m**2 + unseen_head_m2(s.baro.head_m, unseen_mps, k * k + k2)
     advance(bank, s.imu, p, s.attitude.interval_s, max(time_us, bank.now_us))
+    age_weather(bank, p)
     heard_us = max(s.baro.heard_us, s.gnss.used_us)
     if before_us >= 0 and heard_us >= 0 and bank.now_us - heard_us > LONG_SILENCE_US:
         resume(bank, p)

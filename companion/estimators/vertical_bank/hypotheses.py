@@ -52,6 +52,7 @@ from companion.estimators.vertical_bank.mixture import (
     heaviest_accuser,
     imu_is_wrong,
     normalise,
+    rate_sd_mps,
 )
 from companion.jit import step
 from companion.samples import Record
@@ -265,7 +266,7 @@ def suppose_baro_is_well(bank: Record, p: Record, elapsed_s: float) -> None:
     slot = suppose(bank, both, GN, BA, elapsed_s / p.baro_fault_time_s, False)
     bank.weight[both] *= 1.0 - min(1.0, elapsed_s / p.baro_fault_time_s)
     if slot >= 0:
-        rate_sd = p.rate_sd_mps[bank.weather[slot]]
+        rate_sd = rate_sd_mps(bank, p, slot)
         replace(bank.x[slot], bank.P[slot], RATE, 0.0, rate_sd * rate_sd)
 
 
@@ -387,4 +388,4 @@ def add_moment(bank: Record, p: Record, i: int, j: int, share: float) -> None:
     if from_fault and bank.outage == 1:  # its climb rested on the IMU alone
         cov[CLIMB, CLIMB] += share * p.manoeuvre_mps**2
     if from_fault:
-        cov[RATE, RATE] += share * (p.rate_sd_mps[j] ** 2 + mixed[RATE] ** 2)
+        cov[RATE, RATE] += share * (rate_sd_mps(bank, p, j) ** 2 + mixed[RATE] ** 2)

@@ -77,6 +77,8 @@ BANK = np.dtype(
         ("slow_m2", "f8"),  # stationary variance of g, and its correlation time
         ("slow_time_s", "f8"),
         ("fast_m2", "f8"),  # stationary variance of e
+        ("measured_qnh_pa", "f8"),  # newest of a reference barometer, NaN none
+        ("measured_us", "i8"),  # its time, -1 when there is none or it is old
         ("level_m", "f8"),  # height up to which the offset follows the scale; NaN none
         ("outage", "i8"),  # 1 when there has been no fix for long
         ("unwatched", "i8"),  # 1 when no fix has been near enough in time to watch the barometer
@@ -84,6 +86,7 @@ BANK = np.dtype(
         ("slope_mps", "f8"),  # of the smoothed barometer height
         ("climb_mps", "f8"),  # largest of late that both the mixture and the barometer show
         ("path_m", "f8"),  # displacement since the start, without any correction
+        ("protection_m", "f8"),  # newest protection level, 0 none
     ],
     align=True,
 )
@@ -105,6 +108,14 @@ def baro_is_wrong(i: int) -> bool:
 def imu_is_wrong(i: int) -> bool:
     """Whether hypothesis i says that the IMU is wrong, or a manoeuvre was missed."""
     return MO <= i < BO
+
+
+@step
+def rate_sd_mps(bank: Record, p: Record, i: int) -> float:
+    """Standard deviation of the barometer's drift rate in the weather of hypothesis i."""
+    if bank.measured_us >= 0:
+        return float(p.measured_rate_sd_mps[bank.weather[i]])
+    return float(p.rate_sd_mps[bank.weather[i]])
 
 
 @step
@@ -225,7 +236,7 @@ def propagate(bank: Record, imu: Record, p: Record, dt: float, steps: int) -> No
         else:
             moved = move(x, P, dt, dv, dh, psd)
         bank.path_m += bank.weight[i] * moved
-        rate_sd, walk = p.rate_sd_mps[kind], p.offset_walk_m_rts
+        rate_sd, walk = rate_sd_mps(bank, p, i), p.offset_walk_m_rts
         if baro_is_wrong(i):
             rate_sd, walk = p.baro_fault_rate_mps, p.baro_fault_walk_m_rts
             relax(x, P, RATE, keep_ramp, rate_sd * rate_sd)

@@ -20,8 +20,11 @@ from companion.estimators.vertical_bank.mixture import N, gnss_is_wrong, heavies
 from companion.jit import step
 from companion.samples import Record
 
-HALVINGS, DOUBLINGS, FIXED_POINTS = 14, 40, 5
-START_SIGMA = 4.0
+MOST_STEPS, TOLERANCE = 60, 1e-5
+"""The search ends when the level moves by a smaller share than this."""
+FURTHEST = 2.0
+"""The search takes no longer step outwards than to this many times the level, while none was found
+that is exceeded less often than allowed."""
 SURE_SIGMA = 1.0
 """An error within a sigma of the level is taken to exceed it."""
 OWN_RATIO = 1.25
@@ -29,58 +32,57 @@ OWN_RATIO = 1.25
 
 
 @step
-def crossing_risk(crossings_per_h: float, margin_m: float, sd_m: float) -> float:
-    """Chance that an error of this spread exceeds `margin_m` within an hour."""
-    k = margin_m / sd_m
-    if k <= SURE_SIGMA:
-        return 1.0
-    return min(1.0, crossings_per_h * k * math.exp(-0.5 * k * k))
-
-
-@step
-def risk_beyond(bank: Record, crossings_per_h: float, level_m: float, datum_m2: float) -> float:
-    """Chance that the height leaves the mean +- `level_m` within an hour."""
-    centre_m, total = mean(bank, HEIGHT), 0.0
+def risk_beyond(
+    bank: Record, crossings_per_h: float, level_m: float, datum_m2: float
+) -> tuple[float, float]:
+    """Chance that the height leaves the mean +- `level_m` within an hour, and its derivative by
+    the level."""
+    centre_m, total, slope = mean(bank, HEIGHT), 0.0, 0.0
     for i in range(N):
         if bank.weight[i] == 0.0:
             continue
-        margin_m = level_m - abs(bank.x[i, HEIGHT] - centre_m)
         sd_m = math.sqrt(bank.P[i, HEIGHT, HEIGHT] + datum_m2)
-        total += bank.weight[i] * crossing_risk(crossings_per_h, margin_m, sd_m)
-    return total
+        k = (level_m - abs(bank.x[i, HEIGHT] - centre_m)) / sd_m
+        chance = crossings_per_h * k * math.exp(-0.5 * k * k) if k > SURE_SIGMA else 1.0
+        if chance < 1.0:
+            slope += bank.weight[i] * chance * (1.0 / k - k) / sd_m
+        total += bank.weight[i] * min(1.0, chance)
+    return total, slope
 
 
 @step
-def protection_level_m(
-    bank: Record, crossings_per_h: float, risk: float, sd_m: float, datum_m2: float
-) -> float:
-    """The level, m, within one part in ten thousand, with the variance of the datum in every
-    hypothesis."""
-    high = START_SIGMA * sd_m
-    for _ in range(DOUBLINGS):
-        if risk_beyond(bank, crossings_per_h, high, datum_m2) <= risk:
-            break
-        high *= 1.5
-    low = 0.0 if high <= START_SIGMA * sd_m else high / 1.5
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        if risk_beyond(bank, crossings_per_h, middle, datum_m2) > risk:
-            low = middle
+def protection_level_m(bank: Record, p: Record, sd_m: float, datum_m2: float) -> float:
+    """The level, m, within one part in a hundred thousand, with the variance of the datum in every
+    hypothesis.
+
+    Newton's method for the logarithm of the risk, from the level before, between the levels that
+    are known to be too small and large enough: among hypotheses far apart the risk has terraces.
+    """
+    level = bank.protection_m if bank.protection_m > 0.0 else p.risk_sigma * sd_m
+    low, high = 0.0, math.inf
+    for _ in range(MOST_STEPS):
+        before = level
+        chance, slope = risk_beyond(bank, p.crossings_per_h, level, datum_m2)
+        over = math.log(chance / p.integrity_risk_probability) if chance > 0.0 else -math.inf
+        if over > 0.0:
+            low = level
         else:
-            high = middle
-    return high
+            high = level
+        level -= chance / slope * over if slope < 0.0 else math.nan
+        if not low < level < min(high, FURTHEST * before):
+            level = 0.5 * (low + high) if high < math.inf else FURTHEST * before
+        if abs(level - before) <= TOLERANCE * level:
+            break
+    bank.protection_m = level
+    return level
 
 
 @step
-def alert_limit_m(
-    bank: Record, crossings_per_h: float, risk: float, limit_m: float, datum_m2: float
-) -> float:
-    """Protection level above which the height must not be published: `limit_m`, or more while a
-    receiver is heard that reports a larger spread and is trusted."""
+def alert_limit_m(bank: Record, p: Record, datum_m2: float) -> float:
+    """Protection level above which the height must not be published: the one of the settings, or
+    more while a receiver is heard that reports a larger spread and is trusted."""
     top = heaviest(bank, 0, N)
     if bank.outage == 1 or gnss_is_wrong(top):
-        return limit_m
-    k = START_SIGMA
-    for _ in range(FIXED_POINTS):  # crossings_per_h k exp(-k^2 / 2) = risk
-        k = math.sqrt(2.0 * math.log(crossings_per_h * k / risk))
-    return max(limit_m, OWN_RATIO * k * math.sqrt(bank.P[top, HEIGHT, HEIGHT] + datum_m2))
+        return float(p.alert_limit_m)
+    own_m = p.risk_sigma * math.sqrt(bank.P[top, HEIGHT, HEIGHT] + datum_m2)
+    return max(p.alert_limit_m, OWN_RATIO * own_m)

@@ -36,10 +36,9 @@ def publish(state: Rows, params: Rows, estimate: Rows) -> None:
     e.gnss_offset_m = mean(bank, GNSS_BIAS)
     e.innovation_m = s.gnss.innovation_m
     e.height_above_takeoff_m = height_above_takeoff_m(s.takeoff, bank)
-    crossings, risk = p.crossings_per_h, p.integrity_risk_probability
-    level_m = protection_level_m(bank, crossings, risk, e.altitude_sd_m, s.gnss.datum_m2)
+    level_m = protection_level_m(bank, p, e.altitude_sd_m, s.gnss.datum_m2)
     e.protection_level_m = max(level_m, s.gnss.against_m)
-    e.alert_limit_m = alert_limit_m(bank, crossings, risk, p.alert_limit_m, s.gnss.datum_m2)
+    e.alert_limit_m = alert_limit_m(bank, p, s.gnss.datum_m2)
     e.qnh_pa, e.qnh_sd_pa = math.nan, math.nan
     if s.baro.seen == 1 and not is_named(s.named, BAROMETER):
         e.qnh_pa = qnh_pa(s.baro.pressure_pa, e.altitude_amsl_m)

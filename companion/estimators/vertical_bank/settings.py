@@ -45,6 +45,11 @@ class VerticalBankSettings(EstimatorSettings):
     weather (a year of METARs has 4.7 m/h sd, 31 m/h at most; a jump line 25 m in minutes)"""
     rate_time_s: tuple[Positive, Positive, Positive] = (1800.0, 600.0, 600.0)
     """correlation time of the drift rate in each weather"""
+    measured_rate_sd_mps: tuple[Spread, Spread, Spread] = (0.002, 0.009, 0.03)
+    """standard deviation of the drift rate beside the weather that a ground barometer measures, in
+    calm, fair and stormy weather: both sensors' own drift (1.6 Pa/K over 20 K in half an hour); a
+    station that errs as fast as is plausible (31 m/h); places that a front reaches one after the
+    other"""
     weather_prior: tuple[Share, Share, Share] = (0.94, 0.05, 0.01)
     """share of time with calm, fair and stormy weather"""
     switching_s: float = Field(1200.0, gt=0, le=1e6)
@@ -157,7 +162,10 @@ class VerticalBankSettings(EstimatorSettings):
     """protection level above which ALTITUDE stops, unless the receiver itself reports more"""
 
     def derived(self) -> Mapping[str, Any]:
-        return {"crossings_per_h": 2.0 * 3600.0 / (math.sqrt(math.tau) * self.gnss_time_s)}
+        return {
+            "crossings_per_h": 2.0 * 3600.0 / (math.sqrt(math.tau) * self.gnss_time_s),
+            "risk_sigma": crossing_sigma(self.integrity_risk_probability, self.gnss_time_s),
+        }
 
 
 def crossing_sigma(rate_per_h: float, time_s: float) -> float:

@@ -50,7 +50,6 @@ from companion.estimators.vertical_bank.aids import (
     LOWEST_FIELD_M,
     LOWEST_QNH_PA,
     STEEPEST_COS,
-    follow_weather,
     fuse_qnh,
     fuse_range,
     fuse_temperature,
@@ -70,6 +69,7 @@ from companion.estimators.vertical_bank.publishing import publish
 from companion.estimators.vertical_bank.settings import VerticalBankSettings
 from companion.estimators.vertical_bank.state import STATE, init, start
 from companion.estimators.vertical_bank.takeoff import note_armed, note_landed, take_off_at
+from companion.estimators.vertical_bank.weather import follow_weather
 from companion.jit import step
 from companion.kernels.attitude import (
     attitude_imu,
@@ -188,12 +188,9 @@ def on_qnh(state: Rows, params: Rows, sample: Rows) -> bool:
         sd_pa if is_measured else params[0].known_qnh_sd_pa,
         sample[0].time_us if is_new or is_measured else s.aids.known_qnh_us,
     )
-    if s.baro.seen == 0 and is_measured:
-        s.aids.measured_qnh_pa = qnh_pa
-    if s.baro.seen == 0 or (not is_new and not is_measured):
-        return False
-    if is_measured and follow_weather(s.aids, s.bank, qnh_pa):
-        return True
+    is_followed = is_measured and follow_weather(s.bank, params[0], qnh_pa, sample[0].time_us)
+    if s.baro.seen == 0 or is_followed or (not is_new and not is_measured):
+        return is_followed
     return fuse_qnh(s.aids, s.bank, mean(s.bank, HEIGHT))
 
 

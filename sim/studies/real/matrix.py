@@ -21,6 +21,7 @@ from companion.estimators import DEFAULT_ESTIMATOR, ESTIMATORS, run_log
 from companion.evaluation.integrity import coverage, protection
 from companion.evaluation.metrics import Array, errors, truth_at
 from companion.evaluation.published import Published, longest_s, published, share_sent
+from companion.evaluation.smoother import measured_of, smooth
 from companion.health import Health
 from companion.jobs import Row
 from companion.samples import Kind, SampleLog
@@ -137,7 +138,14 @@ def fly(cell: Cell) -> list[Row]:
         "field_elevation": cell.plan.field_elevation,
     }
     names = list(ESTIMATORS) if cell.others else [DEFAULT_ESTIMATOR]
-    return [head | {"estimator": name} | measures(log, name) for name in names]
+    after = after_the_fact(log) if cell.plan.imu_hz == 0 else {}
+    return [
+        head
+        | {"estimator": name}
+        | measures(log, name)
+        | (after if name == DEFAULT_ESTIMATOR else {})
+        for name in names
+    ]
 
 
 @cache
@@ -178,6 +186,23 @@ def measures(log: SampleLog, estimator: str, settle_s: float = SETTLE_S) -> Row:
         "cost_us": said.cost_us,
     }
     return row | _raw(log, start_us, truth_us, truth_m) | _sent(said, error_m, start_us)
+
+
+def after_the_fact(log: SampleLog, settle_s: float = SETTLE_S) -> Row:
+    """Errors and honesty of the smoother, which uses no IMU."""
+    smoothed = smooth(measured_of(log))
+    if smoothed is None:
+        return {}
+    late = smoothed.time_us >= float(log.first_us) + settle_s * 1e6
+    truth_us, truth_m = (
+        np.asarray(log.truth[name], np.float64) for name in ("time_us", "altitude_amsl_m")
+    )
+    error_m = (smoothed.altitude_m - truth_at(smoothed.time_us, truth_us, truth_m))[late]
+    found = errors(error_m, np.zeros(error_m.size))
+    return {
+        "smoothed_rmse_m": found.rmse_m if found else math.nan,
+        "smoothed_nees": coverage(error_m, smoothed.sd_m[late]).nees,
+    }
 
 
 def _takeoff_rmse_m(

@@ -243,3 +243,28 @@ def test_no_compiled_step_gets_a_member_of_an_enum() -> None:
     ]
     assert compiled or os.environ.get("NUMBA_DISABLE_JIT") == "1"
     assert [name for name, signatures in compiled if "Enum" in str(signatures)] == []
+
+
+def test_a_pipeline_that_changes_a_step_takes_no_blocks() -> None:
+    """Compiled loops call no overridden method."""
+
+    class Same(Pipeline):
+        estimates = False
+
+        def extra(self) -> int:
+            return 1
+
+    class Mixed:
+        def heartbeat(self) -> list[bytes]:
+            return []
+
+    class Changed(Same):
+        def feed_item(self, item: Any, arrival_us: int) -> list[bytes]:
+            return super().feed_item(item, arrival_us)
+
+    class ByAncestor(Mixed, Pipeline):
+        pass
+
+    assert Same.in_blocks
+    assert not Changed.in_blocks
+    assert not ByAncestor.in_blocks

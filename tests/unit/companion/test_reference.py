@@ -62,6 +62,17 @@ def test_a_step_is_counted_and_left_out_until_it_ends() -> None:
     assert reference.problem == ""
 
 
+@pytest.mark.parametrize("ramp_pa_per_s", [5.0, 1.0, 0.4, -0.4])
+def test_a_ramp_that_is_no_weather_is_left_out(ramp_pa_per_s: float) -> None:
+    """A failing station, .03 to .4 m/s. Expected Result: no value is told that is further than 5 m
+    and 31 m/h beyond the first."""
+    reference = ReferenceBarometer(500.0, 100.0)
+    ramp = list(95_461.0 + np.clip(ramp_pa_per_s * np.arange(600.0), -3000.0, 3000.0))
+    values = told(reference, [95_461.0] * 60 + ramp)
+    assert max(abs(value - values[0]) for value in values) <= 60.0 + 372.0 / 6.0
+    assert reference.problem == "reference stepped: not used"
+
+
 def test_a_contradiction_needs_a_minute() -> None:
     """The estimate's QNH, good to 12 Pa, is 800 Pa elsewhere."""
     reference, estimate = ReferenceBarometer(500.0, 100.0), unknown()

@@ -2,7 +2,7 @@
 companion would publish."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +11,7 @@ from companion.estimators import DEFAULT_ESTIMATOR
 from companion.jobs import Row, results
 from sim.studies.goals import Context
 from sim.studies.goals.goals import Measured
+from sim.studies.goals.real_goals import matrix_goals, mean, own_rows, ratio, rtk_goals, worst_of
 from sim.studies.goals.section import SectionPage
 from sim.studies.page import Value
 from sim.studies.real import found
@@ -19,9 +20,6 @@ from sim.studies.real.gnss_errors import logs
 from sim.studies.real.low_rates import fly_slow, slow_flights
 from sim.studies.real.matrix import Cell, cells, fly, group, traces_in
 
-LONG_MIN = 30.0
-"""flights that are shorter have too few independent errors to be compared with raw GNSS"""
-ALLOWED_ABOVE = 1e-3
 SCENARIO_SEEDS = 4
 """seeds from which on the simulator's scenarios are flown too"""
 
@@ -45,7 +43,7 @@ def evaluate(context: Context) -> SectionPage:
     slow = context.run(fly_slow, scenarios, lambda job: job.scenario.planned_s)
     rows = [row for found_rows in results(flown) for row in found_rows]
     faults = [row for found_rows in results(tried) for row in found_rows]
-    page.measured(*_matrix_goals(rows), *_rtk_goals(rows), *_fault_goals(faults))
+    page.measured(*matrix_goals(rows), *rtk_goals(rows), *_fault_goals(faults))
     page.text(_ABOUT.format(flights=", ".join(sorted({row["flight"] for row in rows}))))
     _matrix_part(page, rows)
     _fault_part(page, faults)
@@ -65,137 +63,6 @@ def _asks_elevation(cell: Cell) -> bool:
 
 def _with_elevation(cell: Cell) -> Cell:
     return replace(cell, plan=replace(cell.plan, field_elevation=True), others=False)
-
-
-# Goals
-
-
-def _own(rows: Sequence[Row]) -> list[Row]:
-    """Rows of the default estimator on flights that are long enough, without what is not known to
-    every user."""
-    return [
-        row
-        for row in rows
-        if row["estimator"] == DEFAULT_ESTIMATOR
-        and row["error"] != "own"
-        and row["minutes"] >= LONG_MIN
-        and not row["field_elevation"]
-    ]
-
-
-def _mean(rows: Sequence[Row], value: Callable[[Row], float]) -> float:
-    values = np.array([value(row) for row in rows], np.float64)
-    values = values[np.isfinite(values)]
-    return float(np.mean(values)) if values.size else math.nan
-
-
-def _worst(rows: Sequence[Row], value: Callable[[Row], float]) -> tuple[float, str]:
-    """The largest value, and whose it is."""
-    if not rows:
-        return math.nan, ""
-    row = max(rows, key=lambda each: -math.inf if math.isnan(value(each)) else value(each))
-    return value(row), _cell_name(row)
-
-
-def _cell_name(row: Row) -> str:
-    attitude = "attitude" if row["attitude"] else "no attitude"
-    return (
-        f"{row['flight']}, IMU {row['imu_hz']} Hz, {attitude}, lag {row['lag_s']:g} s taken out, "
-        f"{row['error']} error, seed {row['seed']}"
-    )
-
-
-def _ratio(row: Row) -> float:
-    return float(row["rmse_m"] / row["raw_rmse_m"])
-
-
-def _max_ratio(row: Row) -> float:
-    return float(row["max_m"] / row["raw_max_m"])
-
-
-def _matrix_goals(rows: Sequence[Row]) -> list[Measured]:
-    own = _own(rows)
-    if not own:
-        return []
-    found_goals = []
-    for (imu_hz,), each in group(own, "imu_hz").items():
-        note = f"{len(each)} runs"
-        found_goals.append(
-            Measured("real-ratio", f"IMU {imu_hz} Hz", _mean(each, _ratio), 0.75, note=note)
-        )
-    worst, where = _worst(own, _ratio)
-    found_goals.append(Measured("real-ratio", "worst", worst, 1.1, note=where))
-    worst, where = _worst(own, _max_ratio)
-    found_goals += [
-        Measured("real-max", "mean", _mean(own, _max_ratio), 1.2),
-        Measured("real-max", "worst", worst, 2.0, note=where),
-    ]
-    for (error, flight), each in group(own, "error", "flight").items():
-        nees = _mean(each, lambda row: row["nees"])
-        seeds = len({row["seed"] for row in each})
-        note = f"{seeds} errors"
-        found_goals.append(Measured("real-nees", f"{flight}, {error}", nees, 1.4, 0.7, note=note))
-    return found_goals + _sent_goals(own) + _takeoff_goals(rows)
-
-
-def _sent_goals(own: Sequence[Row]) -> list[Measured]:
-    least, where = _worst(own, lambda row: -row["sent_share"])
-    longest, dishonest = _worst(own, lambda row: row["ok_wrong_s"])
-    sent = sum(row["sent"] for row in own)
-    above = sum(row["sent_above_level"] for row in own)
-    wrong = sum(row["sent_wrong"] for row in own)
-    hours = sum(row["hours"] for row in own)
-    exceedances = sum(row["exceedances"] for row in own)
-    fast = [row for row in own if row["imu_hz"] == 50]
-    return [
-        Measured("real-sent", "least share", -100.0 * least, None, 98.0, "%", note=where),
-        Measured("real-sent", "> 50 m wrong", wrong, 0.0, note=f"of {sent}"),
-        Measured("real-health", "longest", longest, 5.0, unit="s", note=dishonest),
-        Measured(
-            "real-level", "median", _mean(own, lambda row: row["median_level_m"]), 13.0, unit="m"
-        ),
-        Measured(
-            "real-level",
-            "ALTITUDE beyond it",
-            above / sent if sent else math.nan,
-            ALLOWED_ABOVE,
-            note=f"{above} of {sent}; {exceedances} exceedances in {hours:.0f} h",
-        ),
-        Measured(
-            "real-cost", "", _mean(fast, lambda row: row["cost_us"]), 4.0, unit="us",
-            note="depends on the machine and its load",
-        ),
-    ]  # fmt: skip
-
-
-def _takeoff_goals(rows: Sequence[Row]) -> list[Measured]:
-    known = [row for row in rows if row["field_elevation"]]
-    return [
-        Measured(
-            "real-takeoff",
-            flight,
-            _mean(each, lambda row: row["takeoff_rmse_m"]),
-            3.0,
-            unit="m",
-            note=f"{len(each)} runs",
-        )
-        for (flight,), each in group(known, "flight").items()
-    ]
-
-
-def _rtk_goals(rows: Sequence[Row]) -> list[Measured]:
-    own = [row for row in rows if row["error"] == "own" and row["estimator"] == DEFAULT_ESTIMATOR]
-    found_goals = []
-    for (flight,), each in group(own, "flight").items():
-        ratio, where = _worst(each, _ratio)
-        level, _ = _worst(each, lambda row: row["median_level_m"])
-        honest = _mean(each, lambda row: row["rmse_m"] / row["median_sd_m"])
-        found_goals += [
-            Measured("real-rtk", f"{flight}, RMSE / receiver's, worst", ratio, 1.5, note=where),
-            Measured("real-rtk", f"{flight}, RMSE / spread", honest, 2.0, 0.5),
-            Measured("real-rtk", f"{flight}, level, worst", level, 0.5, unit="m"),
-        ]
-    return found_goals
 
 
 _FAULT_LIMITS: dict[str, tuple[str, float | None, float | None, float | None]] = {
@@ -248,7 +115,7 @@ def _fault_goals(rows: Sequence[Row]) -> list[Measured]:
             )
     outages = [row for case in _RETURNS[:3] for row in cases.get(case, [])]
     if outages:
-        nees = _mean(outages, lambda row: row["nees"])
+        nees = mean(outages, lambda row: row["nees"])
         found_goals.append(Measured("real-outage", "mean", nees, 1.5))
     return found_goals
 
@@ -271,7 +138,7 @@ def _worst_of(
 
 
 def _matrix_part(page: SectionPage, rows: Sequence[Row]) -> None:
-    own = _own(rows)
+    own = own_rows(rows)
     lines: list[list[Value]] = []
     for (flight, error, imu_hz), each in group(own, "flight", "error", "imu_hz").items():
         lines.append(
@@ -289,8 +156,8 @@ def _matrix_part(page: SectionPage, rows: Sequence[Row]) -> None:
     )  # fmt: skip
     compared = [row for row in rows if row["error"] != "own" and row["seed"] == 1]
     table: list[list[Value]] = [
-        [estimator, f"{_mean(each, _ratio):.2f}", f"{_worst(each, _ratio)[0]:.2f}",
-         f"{_mean(each, lambda row: row['nees']):.2f}", sum(row["sent_wrong"] for row in each)]
+        [estimator, f"{mean(each, ratio):.2f}", f"{worst_of(each, ratio)[0]:.2f}",
+         f"{mean(each, lambda row: row['nees']):.2f}", sum(row["sent_wrong"] for row in each)]
         for (estimator,), each in group(compared, "estimator").items()
     ]  # fmt: skip
     page.grid(
@@ -313,12 +180,12 @@ def _matrix_part(page: SectionPage, rows: Sequence[Row]) -> None:
 
 def _cells(rows: Sequence[Row]) -> list[Value]:
     means = [
-        _mean(rows, lambda row: row["rmse_m"]),
-        _mean(rows, lambda row: row["raw_rmse_m"]),
-        _mean(rows, _ratio),
-        _mean(rows, lambda row: row["nees"]),
-        _mean(rows, lambda row: row["median_level_m"]),
-        _mean(rows, lambda row: row["climb_rmse_mps"]),
+        mean(rows, lambda row: row["rmse_m"]),
+        mean(rows, lambda row: row["raw_rmse_m"]),
+        mean(rows, ratio),
+        mean(rows, lambda row: row["nees"]),
+        mean(rows, lambda row: row["median_level_m"]),
+        mean(rows, lambda row: row["climb_rmse_mps"]),
         max(row["max_m"] for row in rows),
         100.0 * min(row["sent_share"] for row in rows),
     ]
@@ -340,7 +207,7 @@ def _fault_part(page: SectionPage, rows: Sequence[Row]) -> None:
                   ("named_s",)),
                 f"{max(row['sent_max_m'] for row in each):.1f}",
                 sum(row["sent_wrong"] for row in each),
-                f"{100.0 * _mean(each, lambda row: row['sent_share']):.0f}",
+                f"{100.0 * mean(each, lambda row: row['sent_share']):.0f}",
                 f"{max(row['ok_max_m'] for row in each):.1f}",
                 *(_never(max(_late(row, name) for row in each)) for name in
                   ("back_s", "first_sent_s", "ok_after_s")),
@@ -375,7 +242,7 @@ def _scenario_part(page: SectionPage, rows: Sequence[Row]) -> None:
         "The simulator's scenarios at low IMU rates: RMSE / raw GNSS (ALTITUDE > 50 m wrong)",
         ["scenario", *(f"{imu_hz} Hz" for (imu_hz,) in rates)],
         [
-            [name, *(f"{_ratio(row):.2f} ({row['sent_wrong']})" for row in each)]
+            [name, *(f"{ratio(row):.2f} ({row['sent_wrong']})" for row in each)]
             for (name,), each in group(rows, "scenario").items()
         ],
     )

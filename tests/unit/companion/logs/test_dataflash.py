@@ -67,11 +67,12 @@ def test_accuracies_and_vertical_velocity_are_of_their_fix(tmp_path: Path) -> No
     path, made = logfiles.write("bin", tmp_path, duration_s=30.0, gnss_sd_m=2.5)
     reader = BinReader(path)
     gnss = next(table for table in reader.tables.sensors if table.kind is Kind.GNSS)
-    climb, horizontal, vertical = gnss.values[6:9]
+    names = ("climb_mps", "horizontal_sd_m", "vertical_sd_m")
+    climb, horizontal, vertical = (gnss.samples[name] for name in names)
     assert np.isnan(climb).all()  # GPA.VV is 0: the receiver does not measure it
     np.testing.assert_allclose(vertical, 2.5)
     np.testing.assert_allclose(horizontal, 1.0)
-    assert gnss.place.size == made.tables[Kind.GNSS].size
+    assert gnss.places.size == made.tables[Kind.GNSS].size
 
 
 def test_damage_costs_only_what_it_hits(tmp_path: Path) -> None:
@@ -82,8 +83,8 @@ def test_damage_costs_only_what_it_hits(tmp_path: Path) -> None:
     path.write_bytes(bytes(data))
     reader = BinReader(path)
     assert 300 < reader.counters[FrameReject.JUNK] < 600
-    lost = sum(t.place.size for t in whole.sensors) - sum(
-        t.place.size for t in reader.tables.sensors
+    lost = sum(t.places.size for t in whole.sensors) - sum(
+        t.places.size for t in reader.tables.sensors
     )
     assert 0 < lost < 20
 

@@ -33,7 +33,7 @@ def frame(message_id: int, payload: bytes, version: int = 2, signed: bool = Fals
 def indexed(data: bytes) -> Rows:
     index = rows(INDEX, len(data) // 16 + 1)
     array = np.frombuffer(data, np.uint8)
-    count, _ = scan_records(array, 0, len(data), LAST_US, 0, *tables(), index, 0)
+    count, _ = scan_records(array, 0, len(data), LAST_US, 0, 8, *tables(), index, 0)
     return index[:count]
 
 
@@ -64,11 +64,21 @@ def test_columns_are_what_pymavlink_decodes(message_id: int) -> None:
             np.testing.assert_array_equal(found[name][i], expected)
 
 
-def test_texts_and_arrays_have_no_columns() -> None:
+def test_texts_and_arrays_have_no_light_messages() -> None:
     assert layout(mavlink.MAVLINK_MSG_ID_STATUSTEXT) is None
     assert layout(mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR) is None
+
+
+def test_a_kind_that_is_not_known_has_no_columns() -> None:
     with pytest.raises(KeyError):
-        columns(np.zeros(1, np.uint8), rows(INDEX, 1), mavlink.MAVLINK_MSG_ID_STATUSTEXT)
+        columns(np.zeros(1, np.uint8), rows(INDEX, 1), 65_000)
+
+
+def test_a_text_is_a_column() -> None:
+    number = mavlink.MAVLINK_MSG_ID_PARAM_REQUEST_READ
+    data = records([frame(number, struct.pack("<hBB16s", -1, 7, 191, b"AIR_QNH"))])
+    (row,) = columns(np.frombuffer(data, np.uint8), indexed(data), number)
+    assert row.tolist() == (-1, 7, 191, b"AIR_QNH")
 
 
 @settings(deadline=None, max_examples=200)

@@ -12,17 +12,11 @@ from companion.mavlink.columns import wire_dtype
 from companion.mavlink.imu import MILLI_G
 from companion.samples import DTYPES, rows
 
-KINDS = {message_id: [make] for message_id, make in reading_columns.CONVERTERS.items()}
-KINDS[mavlink.MAVLINK_MSG_ID_RAW_IMU] = [lambda table: reading_columns.raw_imu(table, MILLI_G)]
-SINGLE = {message_id: [make] for message_id, make in convert.CONVERTERS.items()}
-SINGLE[mavlink.MAVLINK_MSG_ID_RAW_IMU] = [lambda message: convert.raw_imu(message, MILLI_G)]
-for key, table in reading_columns.THERMOMETERS.items():
+KINDS = {message_id: [make] for message_id, make in convert.CONVERTERS.items()}
+KINDS[mavlink.MAVLINK_MSG_ID_RAW_IMU] = [lambda m, x=None: convert.raw_imu(m, MILLI_G)]
+for table in convert.THERMOMETERS.values():
     for message_id, make in table.items():
         KINDS[message_id] = [*KINDS.get(message_id, []), make]
-        SINGLE[message_id] = [
-            *SINGLE.get(message_id, []),
-            convert.THERMOMETERS[key][message_id],
-        ]
 
 
 def payloads(dtype: np.dtype[Any], count: int) -> np.ndarray[Any, Any]:
@@ -49,10 +43,12 @@ def test_columns_are_the_single_messages(message_id: int) -> None:
     dtype = wire_dtype(message_id)
     assert dtype is not None
     table = payloads(dtype, 300)
-    columns = [each for make in KINDS[message_id] for each in make(table)]
+    columns = [
+        each for make in KINDS[message_id] for each in reading_columns.readings_of(make, table)
+    ]
     merged: list[list[bytes]] = [[] for _ in range(table.size)]
     for each in columns:
-        for i, place in enumerate(each.messages.tolist()):
+        for i, place in enumerate(each.places.tolist()):
             row = each.samples[i : i + 1]
             merged[place].append(
                 struct.pack("<q", int(each.stamp_us[i])) + each.base.name.encode() + row.tobytes()
@@ -60,7 +56,7 @@ def test_columns_are_the_single_messages(message_id: int) -> None:
     for i, expected in enumerate(merged):
         record = table[i]
         message = type("Message", (), {name: record[name].tolist() for name in dtype.names or ()})
-        readings = [each for make in SINGLE[message_id] for each in make(message)]
+        readings = [each for make in KINDS[message_id] for each in make(message)]
         found = []
         for reading in readings:
             row = rows(DTYPES[reading.kind])

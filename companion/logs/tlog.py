@@ -33,8 +33,9 @@ from numpy.typing import NDArray
 
 from companion.errors import LogFormatError
 from companion.logs.files import opened, read
+from companion.logs.raw import frames_in
 from companion.logs.reader import LogReader
-from companion.mavlink.codec import MAX_FRAME_SIZE, Decoder, Frame, FrameReject, scan
+from companion.mavlink.codec import MAX_FRAME_SIZE, Frame, FrameReject, scan
 from companion.mavlink.columns import boot_stamp_us, tables
 from companion.mavlink.framing import FOREIGN, extent, next_start
 from companion.mavlink.record_scan import INDEX, scan_records
@@ -236,16 +237,14 @@ def stamps_of(head: bytes) -> tuple[Literal["big", "little"], int]:
     rule: another order is taken when its times are of this century and those of the rule are not,
     and milliseconds when the vehicle's own clock runs a thousand times as fast as the stamps.
     """
-    decoder, at, boot_us = Decoder(), 0, 0
+    boot_us = 0
     big, little, boots = [], [], []
-    for frame in decoder.feed(head):
-        at = head.find(frame.data, at)
+    for at, frame in frames_in(head):
         boot_us = boot_stamp_us(frame, boot_us)
         if at >= _STAMP.size:
             big.append(int.from_bytes(head[at - _STAMP.size : at], "big"))
             little.append(int.from_bytes(head[at - _STAMP.size : at], "little"))
             boots.append(boot_us)
-        at += len(frame.data)
     is_little = sum(map(_this_century, little)) > sum(stamp <= _LAST_TIME_US for stamp in big)
     stamps = little if is_little else big
     order: Literal["big", "little"] = "little" if is_little else "big"

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from companion.mavlink.codec import Frame, Message, light, mavlink, numbers
 from companion.mavlink.framing import CRC_EXTRA, CRC_TABLE, V1_LENGTHS
-from companion.mavlink.record_scan import gather
+from companion.mavlink.record_scan import STRIDE, gather
 from companion.samples import Rows
 
 CODES = {
@@ -85,14 +85,18 @@ def messages(data: NDArray[np.uint8], index: Rows, message_id: int) -> Iterator[
 
 @cache
 def tables() -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """What `record_scan.scan_records` needs: the checksum's table, CRC_EXTRA and MAVLink 1 lengths
+    """What `record_scan.scan_records` needs: the checksum's tables, CRC_EXTRA and MAVLink 1 lengths
     by id."""
     extras = np.full(max(CRC_EXTRA) + 1, -1, np.int64)
     lengths = np.zeros((extras.size, 2), np.int64)
     for message_id, extra in CRC_EXTRA.items():
         extras[message_id] = extra
         lengths[message_id] = V1_LENGTHS[message_id].start, V1_LENGTHS[message_id].stop - 1
-    return np.array(CRC_TABLE, np.int64), extras, lengths
+    crc = np.zeros((STRIDE, 256), np.int64)
+    crc[0] = CRC_TABLE
+    for zeros in range(1, STRIDE):  # the checksum's change by a byte with so many zeros behind it
+        crc[zeros] = crc[0][crc[zeros - 1] & 0xFF] ^ crc[zeros - 1] >> 8
+    return crc, extras, lengths
 
 
 @cache

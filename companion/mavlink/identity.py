@@ -126,7 +126,8 @@ class Identity:
         self._latched_us = 0
         self._firm = False
         self._changes = 0
-        self._signed_us: int | None = None
+        self.signed_us: int | None = None
+        """when the vehicle's last signed frame arrived"""
         self._source: Hashable = None
         self._source_us = 0
 
@@ -134,11 +135,6 @@ class Identity:
     def spoken(self) -> int:
         """The MAVLink version that we send: an autopilot that can speak 2 may wait for it."""
         return self.version if self.vehicle is not None else 2
-
-    @property
-    def is_signed(self) -> bool:
-        """Whether the vehicle has signed a frame."""
-        return self._signed_us is not None
 
     @property
     def own(self) -> tuple[int, int]:
@@ -163,8 +159,8 @@ class Identity:
             self._note_stranger(speaker, arrival_us)
             return Origin.STRANGER
         if frame.signed:
-            self._signed_us = arrival_us
-        elif self._signed_us is not None and abs(arrival_us - self._signed_us) < SIGNING_TIMEOUT_US:
+            self.signed_us = arrival_us
+        elif self.signed_us is not None and abs(arrival_us - self.signed_us) < SIGNING_TIMEOUT_US:
             return Origin.FORGED
         if source != self._source:
             if 0 <= arrival_us - self._source_us < SOURCE_US:
@@ -179,11 +175,14 @@ class Identity:
             self.strangers[speaker] += 1
             self._strangers_us[speaker] = arrival_us
 
-    def took(self, count: int, version: int, arrival_us: int, *, told_again: bool) -> None:
-        """Count frames of the vehicle, unsigned and from where it was heard before; `told_again` is
-        whether a HEARTBEAT among them says again what the vehicle is."""
+    def took(
+        self, count: int, version: int, arrival_us: int, signed_us: int | None, *, told_again: bool
+    ) -> None:
+        """Count frames of the vehicle, from where it was heard before; `told_again` is whether a
+        HEARTBEAT among them says again what the vehicle is."""
         self.counters[Origin.VEHICLE] += count
         self._source_us, self.version = arrival_us, max(self.version, version)
+        self.signed_us = self.signed_us if signed_us is None else signed_us
         if told_again:
             self._changes = 0
 
@@ -366,7 +365,7 @@ class Identity:
         self.version = frame.version
         self._latched_us = self._source_us = arrival_us
         self._source, self._firm, self._changes = source, False, 0
-        self._signed_us = None
+        self.signed_us = None
         logger.info("vehicle %s: autopilot %s", _ids(speaker), autopilot_name(self.autopilot))
 
     def _tell_unfit(self, speaker: tuple[int, int], heard: _Autopilot, message: Message) -> None:

@@ -33,6 +33,8 @@ INDEX = np.dtype(
 V1, V2 = 0xFE, 0xFD
 V1_HEADER, V2_HEADER = 6, 10
 CHECKSUM, SIGNATURE, SIGNED = 2, 13, 1
+STRIDE = 8
+"""bytes that the checksum takes at a time"""
 
 
 @step
@@ -43,7 +45,7 @@ def scan_records(
     last_time_us: int,
     little: int,
     stamp: int,
-    crc_table: Rows,
+    crc_tables: Rows,
     extras: Rows,
     v1_lengths: Rows,
     index: Rows,
@@ -57,7 +59,8 @@ def scan_records(
     last_time_us : a record with a later time is not good.
     little : 1 when the times are little-endian.
     stamp : bytes of the time before a frame; 0 in a capture without times, which get time 0.
-    crc_table : int64, shape (256,): the table of the checksum (CRC-16/MCRF4XX).
+    crc_tables : int64, shape (STRIDE, 256): what a byte changes in the checksum (CRC-16/MCRF4XX),
+        by the number of bytes behind it.
     extras : int64, shape (largest id + 1,): CRC_EXTRA by message id, -1 for unknown ids.
     v1_lengths : int64, shape (largest id + 1, 2): smallest and largest MAVLink 1 payload.
     index : `INDEX` rows to write to, from row `count` on.
@@ -68,7 +71,7 @@ def scan_records(
     offset : of the first record that is not good, or not complete, or begins at or after `limit`.
     """
     while offset < limit and count < index.shape[0]:
-        stop = _read_frame(data, offset + stamp, crc_table, extras, v1_lengths, index, count)
+        stop = _read_frame(data, offset + stamp, crc_tables, extras, v1_lengths, index, count)
         if stop < 0:
             break
         time_us = 0
@@ -84,7 +87,7 @@ def scan_records(
 
 @step
 def _read_frame(
-    data: Rows, at: int, crc_table: Rows, extras: Rows, v1_lengths: Rows, index: Rows, count: int
+    data: Rows, at: int, crc_tables: Rows, extras: Rows, v1_lengths: Rows, index: Rows, count: int
 ) -> int:
     """Write the frame that begins at `at` to row `count`; where it ends, -1 when it is not good or
     not complete."""
@@ -108,7 +111,7 @@ def _read_frame(
         return -1
     if not is_v2 and not v1_lengths[message_id, 0] <= length <= v1_lengths[message_id, 1]:
         return -1
-    crc = _checksum(data, at + 1, body, extras[message_id], crc_table)
+    crc = _checksum(data, at + 1, body, extras[message_id], crc_tables)
     if crc != int(data[body]) | int(data[body + 1]) << 8:
         return -1
     first = at + (4 if is_v2 else 2)
@@ -124,12 +127,26 @@ def _read_frame(
 
 
 @step
-def _checksum(data: Rows, first: int, stop: int, extra: int, crc_table: Rows) -> int:
-    """CRC-16/MCRF4XX of ``data[first:stop]`` and CRC_EXTRA."""
-    crc = 0xFFFF
-    for i in range(first, stop):
-        crc = crc_table[(crc ^ int(data[i])) & 0xFF] ^ crc >> 8
-    return int(crc_table[(crc ^ extra) & 0xFF] ^ crc >> 8)
+def _checksum(data: Rows, first: int, stop: int, extra: int, crc_tables: Rows) -> int:
+    """CRC-16/MCRF4XX of ``data[first:stop]`` and CRC_EXTRA, by the tables of eight bytes at once
+    (slicing-by-8)."""
+    crc, i = 0xFFFF, first
+    while i + STRIDE <= stop:
+        crc = (
+            crc_tables[7, (crc ^ int(data[i])) & 0xFF]
+            ^ crc_tables[6, (crc >> 8 ^ int(data[i + 1])) & 0xFF]
+            ^ crc_tables[5, int(data[i + 2])]
+            ^ crc_tables[4, int(data[i + 3])]
+            ^ crc_tables[3, int(data[i + 4])]
+            ^ crc_tables[2, int(data[i + 5])]
+            ^ crc_tables[1, int(data[i + 6])]
+            ^ crc_tables[0, int(data[i + 7])]
+        )
+        i += STRIDE
+    while i < stop:
+        crc = crc_tables[0, (crc ^ int(data[i])) & 0xFF] ^ crc >> 8
+        i += 1
+    return int(crc_tables[0, (crc ^ extra) & 0xFF] ^ crc >> 8)
 
 
 @step

@@ -1,6 +1,5 @@
 """When a session had an altitude, and whether its vehicle stood still."""
 
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -33,23 +32,22 @@ def availability(recording: Recording, ticks: Rows) -> dict[str, Any]:
     last = Health(int(ticks["health"][-1])).name
     if not has_altitude.any():
         return {"at_last_height": last, "first_s": None, "lost": []}
-    places = np.flatnonzero(has_altitude).tolist()
-    edges = [*pairwise(places)]
-    if not has_altitude[-1]:
-        edges.append((places[-1], t.size - 1))
+    places = np.flatnonzero(has_altitude)
+    ends = places if has_altitude[-1] else np.append(places, t.size - 1)
+    before, after = ends[:-1], ends[1:]
+    gone = (after > before + 1) | (t[after] - t[before] > GAP_S)
     offset_us = unix_offset_us(recording)
     lost = []
-    for before, after in edges:
-        if after > before + 1 or t[after] - t[before] > GAP_S:
-            start_us = int(ticks["now_us"][before])
-            lost.append(
-                {
-                    "from_s": float(t[before]),
-                    "from_utc": None if offset_us is None else utc(start_us + offset_us),
-                    "duration_s": float(t[after] - t[before]),
-                    "silent": after == before + 1,
-                }
-            )
+    for start, end in zip(before[gone].tolist(), after[gone].tolist(), strict=True):
+        start_us = int(ticks["now_us"][start])
+        lost.append(
+            {
+                "from_s": float(t[start]),
+                "from_utc": None if offset_us is None else utc(start_us + offset_us),
+                "duration_s": float(t[end] - t[start]),
+                "silent": end == start + 1,
+            }
+        )
     return {"at_last_height": last, "first_s": float(t[places[0]]), "lost": lost}
 
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from companion import at_rest
 from companion.agreement import follow_fix, follow_pressure
 from companion.checker import ELLIPSOID, asks_restart, objection
 from companion.health_steps import LOST, OF_HOST, alive, assess, heard, is_due, lose, silence
@@ -30,6 +31,7 @@ from companion.intake.receiver_steps import (
 from companion.intake.row_steps import LARGEST_DOUBT_M, RIGHT, UNSETTLED, air_time
 from companion.intake.screen_steps import baro_m, judge_fix, judge_pressure
 from companion.jit import step
+from companion.known_air import is_due as is_air_due
 from companion.mavlink import altitude_steps
 from companion.mavlink.altitude_steps import altitude, own_height, vehicle_altitude
 from companion.mavlink.imu_steps import accepts, replaces_pressure
@@ -95,6 +97,8 @@ class Intaking(NamedTuple):
     choice: Rows
     screen: Rows
     screen_params: Rows
+    known_air: Rows
+    at_rest: Rows
     receivers: tuple[Rows, Rows, Rows, Rows]
     primaries: tuple[Rows, Rows]
     counts: Rows
@@ -217,6 +221,9 @@ def _fill(reading: Rows, tables: Tables, s: Intaking, time_us: int) -> bool:
             return True
         reading[0].number = pressure[0].instance
         judge_pressure(s.screen, s.screen_params, pressure)
+        if not math.isnan(s.known_air[0].elevation_m):
+            at_rest.follow_pressure(s.at_rest, pressure)
+        return is_air_due(s.known_air, s.at_rest, reading[0].now_us)
     elif kind == GNSS:
         fix = tables.gnss[row : row + 1]
         fix[0].time_us = time_us - s.row_params[0].latency_us
@@ -224,6 +231,8 @@ def _fill(reading: Rows, tables: Tables, s: Intaking, time_us: int) -> bool:
             return True
         reading[0].time_us, reading[0].number = fix[0].time_us, fix[0].instance
         judge_fix(s.screen, s.screen_params, fix)
+        if not math.isnan(s.known_air[0].elevation_m):
+            at_rest.follow_fix(s.at_rest, fix)
     elif kind == ATTITUDE:
         tables.attitude[row].time_us = time_us
     elif kind == RANGE:
@@ -234,6 +243,7 @@ def _fill(reading: Rows, tables: Tables, s: Intaking, time_us: int) -> bool:
         tables.air[row].air_temperature_k -= s.row_params[0].air_excess_k
     elif kind == STATUS:
         tables.status[row].time_us = time_us
+        at_rest.follow_status(s.at_rest, tables.status[row : row + 1])
     elif kind == HOME:
         tables.home[row].time_us = time_us
     elif kind == AIRSPEED:

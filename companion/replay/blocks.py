@@ -18,6 +18,7 @@ from companion.intake.row_steps import DOUBTED, RIGHT, UNSETTLED
 from companion.mavlink.altitude_steps import ALTITUDE
 from companion.mavlink.codec import Frame, decode, mavlink
 from companion.mavlink.convert import TRUTHS
+from companion.mavlink.identity import Origin
 from companion.mavlink.record_scan import INDEX
 from companion.observer import Block, BlockObserver
 from companion.pipeline import Pipeline
@@ -37,6 +38,7 @@ from companion.replay.columns import (
     Speaker,
     arrays_of,
     heights,
+    sent_by,
     stations,
 )
 from companion.samples import ESTIMATE, Kind, Rows, Tables, Verdict, readable, rows
@@ -76,9 +78,11 @@ class BlockRunner:
         self._beat: Beat | None = None
         self._session = 0
         self._batch: Batch | None = None
-        self._pieces: list[tuple[int, int, NDArray[np.bool_]]] = []
-        """extents in the batch that were taken in the loops and are not counted yet, and which of
-        their frames are the vehicle's"""
+        self._own = self._others = np.zeros(0, np.bool_)
+        """which items of the batch are frames of the vehicle, and of others, that were taken in the
+        loops"""
+        self._signs = False
+        """whether frames of the batch are signed"""
         self._told = self._at = 0
         """the frames of the batch that are counted, and those that were taken"""
         self._length = SMALLEST
@@ -90,19 +94,24 @@ class BlockRunner:
         none: frozenset[int] = frozenset()
         speaker = Speaker((1, 1), (1, 191), 0, 0, None, none, none, False, "none", 0, 0)
         times_us = np.zeros(0, np.int64)
-        self._loops(arrays_of(Batch(times_us, times_us, 0, b"", rows(INDEX, 0)), 0, speaker), 0, 0)
+        nothing = Batch(times_us, times_us, 0, b"", rows(INDEX, 0))
+        self._loops(arrays_of(nothing, 0, speaker, None), 0, 0)
 
     def run(self, batch: Batch, observer: Callable[[], BlockObserver]) -> None:
         """Take all items of a batch; `observer` gives the one of the present session."""
         at, size = 0, batch.size
         self._batch, self._told, self._at = batch, 0, 0
+        self._own, self._others = np.zeros((2, size), np.bool_)
+        self._signs = bool(np.asarray(batch.index["signed"]).any())
         arrays: Arrays | None = None
         first, known = 0, None
         while at < size:
             speaker = self._speaker(observer())
             if speaker is not None:
                 if arrays is None or speaker != known:
-                    arrays, first = arrays_of(batch, at, speaker), at
+                    self.flush()
+                    signed_us = self.pipeline.identity.signed_us
+                    arrays, first = arrays_of(batch, at, speaker, signed_us), at
                     known = speaker
                 stop = self._stop(arrays, at - first)
                 reached = self._piece(arrays, first, (at - first, stop), observer())
@@ -117,17 +126,14 @@ class BlockRunner:
 
     def _speaker(self, observer: BlockObserver) -> Speaker | None:
         """What decides how frames are taken; None where the pipeline has to take all of them."""
-        pipeline, air = self.pipeline, self.pipeline.air
-        identity, vehicle = pipeline.identity, pipeline.identity.vehicle
-        told = (air.qnh_hpa, air.temperature_c, air.field_elevation_m)
+        pipeline, identity = self.pipeline, self.pipeline.identity
+        vehicle = identity.vehicle
         if (
             vehicle is None
             or pipeline.now_us < 0
             or pipeline.sends
             or pipeline.signing is not None
-            or identity.is_signed
-            or air.reference is not None
-            or any(each is not None for each in told)
+            or pipeline.air.reference is not None
         ):
             return None
         simulation, session = pipeline.intake.simulation, id(observer)
@@ -166,7 +172,7 @@ class BlockRunner:
         """Let the pipeline take one item."""
         time_us, item = batch.item(at)
         is_beat = isinstance(item, Frame) and item.message_id == HEARTBEAT
-        if is_beat:
+        if is_beat or self._signs or self.pipeline.identity.signed_us is not None:
             self.flush()
         self._at = at + 1
         self._take(time_us, item)
@@ -204,9 +210,10 @@ class BlockRunner:
             piece = self._loops(arrays, start, piece.stop)
         else:
             self._length = min(LARGEST, 2 * self._length)
-        is_vehicle = np.asarray(arrays.items["is_vehicle"][start : piece.stop]) == 1
-        self._pieces.append((first + start, first + piece.stop, is_vehicle))
-        self._at = first + piece.stop
+        items, self._at = arrays.items[start : piece.stop], first + piece.stop
+        own = np.asarray(items["is_vehicle"]) == 1
+        self._own[first + start : self._at] = own
+        self._others[first + start : self._at] = ~own & (np.asarray(items["is_frame"]) == 1)
         self._keep(arrays, start, piece, observer)
         return piece.stop
 
@@ -234,6 +241,8 @@ class BlockRunner:
             pipeline.readings.imu.state,
             intake.datum.state,
             intake.datum.params,
+            pipeline.air.state,
+            pipeline.air.at_rest.state,
             (one, two, three, four),
             (pressure, gnss),
             self._counts,
@@ -279,9 +288,9 @@ class BlockRunner:
         """Count the samples, and show them to the observer."""
         pipeline, items = self.pipeline, arrays.items[start : piece.stop]
         readings = arrays.readings_of(start, piece.stop)
-        samples = readings[np.asarray(readings["place"]) >= 0]
-        kinds = np.asarray(samples["kind"])
-        pairs = np.bincount(kinds * len(Verdict) + piece.verdicts)
+        sampled = np.flatnonzero(np.asarray(readings["place"]) >= 0)
+        order = arrays.tables.order[: piece.size]
+        pairs = np.bincount(np.asarray(order["kind"]) * len(Verdict) + piece.verdicts)
         for pair in np.flatnonzero(pairs).tolist():
             kind, verdict = divmod(pair, len(Verdict))
             pipeline.identity.measured(Kind(kind))
@@ -298,13 +307,13 @@ class BlockRunner:
             pipeline.age(int(items["arrival_us"][-1]))
         observer.block(
             Block(
-                arrays.tables._replace(order=arrays.tables.order[: piece.size]),
+                arrays.tables._replace(order=order),
                 piece.verdicts,
                 piece.estimates[1:],
-                np.asarray(samples["time_us"]),
-                np.asarray(samples["number"]),
-                np.asarray(samples["now_us"]),
-                np.asarray(samples["unix_us"]),
+                np.asarray(readings["time_us"][sampled]),
+                np.asarray(readings["number"][sampled]),
+                np.asarray(readings["now_us"][sampled]),
+                np.asarray(readings["unix_us"][sampled]),
                 piece.health,
                 heights(items, truth=True),
                 heights(items, truth=False),
@@ -325,35 +334,46 @@ class BlockRunner:
 
     def flush(self) -> None:
         """Count what was taken since the last time, by sender and kind."""
-        batch, pieces = self._batch, self._pieces
-        if batch is None or self._told == self._at:
+        batch, first, stop = self._batch, self._told, self._at
+        if batch is None or first == stop:
             return
-        taken = [batch.frames(start, stop) for start, stop, _ in pieces]
-        if taken:
-            index = np.concatenate([index for _, index in taken])
-            is_vehicle = np.concatenate(
-                [each[places] for (_, _, each), (places, _) in zip(pieces, taken, strict=True)]
-            )
-            self._count(index[is_vehicle], index[~is_vehicle], batch)
-        first, self._told, self._pieces = self._told, self._at, []
+        self._told = stop
+        places, index = batch.frames(first, stop)
+        self._count(index, self._own[first:stop][places])
+        others = self._others[first:stop][places]
+        if others.any():
+            self._count_others(index[others], batch)
         if self._passed is not None:
-            self._passed(batch.part(first, self._at))
+            self._passed(batch.part(first, stop))
 
-    def _count(self, own: Rows, others: Rows, batch: Batch) -> None:
-        """Count frames of the vehicle and of others, `record_scan.INDEX` rows."""
-        pipeline = self.pipeline
-        if own.size:
-            newest = int(own["version"].max()), int(own["time_us"][-1])
-            is_told = bool((own["message_id"] == HEARTBEAT).any())
-            pipeline.identity.took(own.size, *newest, told_again=is_told)
-        counts = np.bincount(own["message_id"])
+    def _count(self, index: Rows, own: NDArray[np.bool_]) -> None:
+        """Count the vehicle's `own` frames, `record_scan.INDEX` rows."""
+        if not own.any():
+            return
+        pipeline, ids = self.pipeline, index["message_id"][own]
+        counts, times_us = np.bincount(ids), index["time_us"]
+        signed = np.flatnonzero(own & (index["signed"] != 0))
+        pipeline.identity.took(
+            ids.size,
+            int(index["version"][own].max()),
+            int(times_us[np.flatnonzero(own)[-1]]),
+            int(times_us[signed[-1]]) if signed.size else None,
+            told_again=bool(counts[HEARTBEAT]),
+        )
         for message_id in np.flatnonzero(counts).tolist():
             heard = pipeline.heard.get(message_id, 0)
             pipeline.heard[message_id] = heard + int(counts[message_id])
-        if others.size:
-            beats = others[others["message_id"] == HEARTBEAT]
-            for speaker, time_us in stations(batch.data, beats).items():
-                pipeline.identity.station(speaker, time_us)
-            columns = (others[name].tolist() for name in ("system_id", "component_id", "time_us"))
-            for system_id, component_id, arrival_us in zip(*columns, strict=True):
-                pipeline.identity.stranger((system_id, component_id), arrival_us)
+
+    def _count_others(self, others: Rows, batch: Batch) -> None:
+        """Count frames of others, and forged ones."""
+        identity = self.pipeline.identity
+        if identity.vehicle is not None:
+            is_forged = sent_by(others, identity.vehicle)
+            identity.counters[Origin.FORGED] += int(is_forged.sum())
+            others = others[~is_forged]
+        beats = others[others["message_id"] == HEARTBEAT]
+        for speaker, time_us in stations(batch.data, beats).items():
+            identity.station(speaker, time_us)
+        columns = (others[name].tolist() for name in ("system_id", "component_id", "time_us"))
+        for system_id, component_id, arrival_us in zip(*columns, strict=True):
+            identity.stranger((system_id, component_id), arrival_us)

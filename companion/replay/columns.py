@@ -15,7 +15,7 @@ from companion.mavlink import convert
 from companion.mavlink.codec import mavlink
 from companion.mavlink.columns import columns
 from companion.mavlink.convert import Converter
-from companion.mavlink.identity import VEHICLE_TYPES
+from companion.mavlink.identity import SIGNING_TIMEOUT_US, VEHICLE_TYPES
 from companion.mavlink.imu import ImuSelector
 from companion.mavlink.reading_columns import LARGEST_STAMP_US, Readings, readings_of
 from companion.mavlink.requests import REQUESTS
@@ -105,14 +105,15 @@ Found = tuple[int, Readings]
 """(message or table, readings); their places are of their items"""
 
 
-def arrays_of(batch: Batch, first: int, speaker: Speaker) -> Arrays:
-    """The arrays of the items of a batch from `first` on."""
+def arrays_of(batch: Batch, first: int, speaker: Speaker, signed_us: int | None) -> Arrays:
+    """The arrays of the items of a batch from `first` on. `signed_us` is when the vehicle's last
+    signed frame before arrived; None if there was none."""
     if first:
         batch = batch.part(first, batch.size)
     items = readable(np.zeros(batch.size, ITEM))
     items["arrival_us"] = batch.times_us
     special = np.zeros(batch.size, np.bool_)
-    found = _of_frames(batch, items, special, speaker)
+    found = _of_frames(batch, items, special, speaker, signed_us)
     found += batch.readings
     for heights in batch.heights:
         what = RECORDED_TRUTH if heights.is_truth else RECORDED_HEIGHT
@@ -127,28 +128,35 @@ def arrays_of(batch: Batch, first: int, speaker: Speaker) -> Arrays:
 
 
 def _of_frames(
-    batch: Batch, items: Rows, special: NDArray[np.bool_], speaker: Speaker
+    batch: Batch,
+    items: Rows,
+    special: NDArray[np.bool_],
+    speaker: Speaker,
+    signed_us: int | None,
 ) -> list[Found]:
     """The readings of the frames of a batch; fills in their `items`, and which are `special`: for
     the pipeline."""
     data, index = batch.data, np.asarray(batch.index)
     places = np.arange(index.size) if batch.places is None else batch.places
-    is_vehicle = _sent_by(index, speaker.vehicle)
+    ids = np.ascontiguousarray(index["message_id"])
+    has_ids = sent_by(index, speaker.vehicle)
+    is_vehicle = has_ids & ~_forged(index, has_ids, signed_us)
     items["is_frame"][places] = 1
     items["is_vehicle"][places] = is_vehicle
-    is_odd = (index["signed"] != 0) | (_sent_by(index, speaker.own) & ~is_vehicle)
-    for message_id in REQUESTS:
-        asked = np.flatnonzero(index["message_id"] == message_id)
+    is_odd = sent_by(index, speaker.own) & ~has_ids
+    present = np.unique(ids)
+    for message_id in REQUESTS & set(present.tolist()):
+        asked = np.flatnonzero(ids == message_id)
         table = columns(data, index[asked], message_id)
-        is_odd[asked] |= is_vehicle[asked] | _addressed(table, speaker.own)
-    beats = np.flatnonzero(~is_vehicle & (index["message_id"] == HEARTBEAT))
+        is_odd[asked] |= has_ids[asked] | _addressed(table, speaker.own)
+    beats = np.flatnonzero(~has_ids & (ids == HEARTBEAT))
     is_odd[beats] |= ~_of_stations(columns(data, index[beats], HEARTBEAT))
     found: list[Found] = []
     converters = _converters(speaker)
-    for message_id in np.unique(index["message_id"][is_vehicle]).tolist():
-        where = np.flatnonzero(is_vehicle & (index["message_id"] == message_id))
+    for message_id in present.tolist():
         if message_id in REQUESTS or message_id not in speaker.wanted - (SILENT - speaker.listened):
             continue
+        where = np.flatnonzero((ids == message_id) & is_vehicle)
         converter = converters.get(message_id, [])
         known = bool(converter) or message_id in WHAT
         if not known or message_id in speaker.listened - {HEARTBEAT}:
@@ -164,11 +172,26 @@ def _of_frames(
     return found
 
 
-def _sent_by(index: Rows, sender: tuple[int, int]) -> NDArray[np.bool_]:
+def sent_by(index: Rows, sender: tuple[int, int]) -> NDArray[np.bool_]:
+    """Which frames, `record_scan.INDEX` rows, are of a system and component."""
     found: NDArray[np.bool_] = (index["system_id"] == sender[0]) & (
         index["component_id"] == sender[1]
     )
     return found
+
+
+def _forged(index: Rows, has_ids: NDArray[np.bool_], signed_us: int | None) -> NDArray[np.bool_]:
+    """Which frames with the vehicle's ids are unsigned though it signs, `record_scan.INDEX` rows:
+    the rule of `companion.mavlink.identity`. `signed_us` is when a signed one arrived before."""
+    signed = has_ids & (np.asarray(index["signed"]) != 0)
+    if signed_us is None and not signed.any():
+        return np.zeros(index.size, np.bool_)
+    times_us = np.asarray(index["time_us"])
+    newest = np.maximum.accumulate(np.where(signed, np.arange(index.size), -1))
+    known_us = np.where(newest >= 0, times_us[newest], signed_us or 0)
+    is_late = np.abs(times_us - known_us) >= SIGNING_TIMEOUT_US
+    known = (newest >= 0) | (signed_us is not None)
+    return has_ids & ~signed & known & ~is_late
 
 
 def _addressed(requests: NDArray[Any], own: tuple[int, int]) -> NDArray[np.bool_]:

@@ -204,12 +204,15 @@ def _moved(
 def medians(us: Array, *values: Array) -> list[Array]:
     """Medians over nodes of `NODE_S`: of the times, and of each of `values`."""
     node = ((us - us[0]) / (NODE_S * 1e6)).astype(np.int64)
-    order = np.argsort(node, kind="stable")
-    edges = np.flatnonzero(np.diff(node[order])) + 1
-    return [
-        np.array([np.median(part) for part in np.split(each[order], edges)])
-        for each in (us, *values)
-    ]
+    counts = np.unique(node, return_counts=True)[1]
+    first = np.cumsum(counts) - counts
+    low, high, last = first + (counts - 1) // 2, first + counts // 2, first + counts - 1
+    found = []
+    for each in (us, *values):
+        ordered = each[np.lexsort((each, node))]
+        middle = 0.5 * (ordered[low] + ordered[high])
+        found.append(np.where(np.isnan(ordered[last]), np.nan, middle))
+    return found
 
 
 def own_altitude(recording: Recording) -> dict[str, Any]:

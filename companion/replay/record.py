@@ -147,8 +147,9 @@ class Recording:
         """The rows of the next `count` samples."""
         first, self._count = self._count, self._count + count
         if self._count > self._rows.size:
-            more = np.zeros(max(self._count - self._rows.size, self._rows.size), RECORD)
-            self._rows = readable(np.concatenate([self._rows, more]))
+            grown = np.zeros(max(self._count, 2 * self._rows.size), RECORD)
+            grown[:first] = self._rows[:first]  # what is behind takes no memory before it is used
+            self._rows = readable(grown)
         rows: Rows = self._rows[first : self._count]
         return rows
 

@@ -1,6 +1,7 @@
 """A replay in blocks gives what the pipeline gives for one message at a time: sessions, rows with
 estimates, counts and texts, byte for byte, on a simulated flight and every log at hand."""
 
+import itertools
 import os
 import subprocess
 import sys
@@ -12,7 +13,10 @@ import pytest
 
 from companion.errors import LogFormatError
 from companion.logs import FORMATS, open_log
+from companion.logs.tlog import TlogReader, TlogWriter
 from companion.mavlink.codec import Message
+from companion.mavlink.framing import CRC_EXTRA, mcrf4xx
+from companion.mavlink.identity import Origin
 from companion.observer import Observer
 from companion.pipeline import Pipeline
 from companion.replay.record import Recording
@@ -89,6 +93,42 @@ def same(path: Path, **changes: Any) -> None:
 @pytest.mark.parametrize("estimator", ["vertical-bank", "adaptive-fusion"])
 def test_a_simulated_flight(short_hop: Path, estimator: str) -> None:
     same(short_hop, estimator=estimator)
+
+
+@pytest.mark.parametrize(
+    "assignments",
+    [("air.qnh_hpa=1010",), ("air.field_elevation_m=300", "air.temperature_c=12")],
+    ids=["qnh", "field"],
+)
+def test_known_air(short_hop: Path, tmp_path: Path, assignments: tuple[str, ...]) -> None:
+    """What is told of the air, at rest again and again, interrupts the loops only when it is."""
+    piece = tmp_path / "piece.tlog"
+    piece.write_bytes(short_hop.read_bytes()[:500_000])
+    settings = CompanionSettings(estimator="adaptive-fusion").with_assignments(assignments)
+    assert replayed(piece, settings, Recording) == replayed(piece, settings, Single)
+
+
+def test_a_vehicle_that_signs(short_hop: Path, tmp_path: Path) -> None:
+    """Signed for a while, with unsigned frames between and long after."""
+    path, start_us = tmp_path / "signed.tlog", 0
+    with TlogWriter(path) as writer:
+        for count, packet in enumerate(itertools.islice(TlogReader(short_hop), 6000)):
+            start_us = start_us or packet.time_us
+            passed_s = (packet.time_us - start_us) * 1e-6
+            signs = 5.0 < passed_s < 15.0 and count % 7
+            writer.write(packet.time_us, signed(packet.data) if signs else packet.data)
+    same(path, estimator="adaptive-fusion")
+    pipeline = Pipeline(CompanionSettings(), datagrams=True, sends=False)
+    for packet in TlogReader(path):
+        pipeline.feed(packet)
+    assert pipeline.identity.counters[Origin.FORGED] > 100
+
+
+def signed(data: bytes) -> bytes:
+    """The frame with a signature, which nobody checks here."""
+    body = bytes([data[1], 1]) + data[3:-2]
+    extra = CRC_EXTRA[int.from_bytes(data[7:10], "little")]
+    return data[:1] + body + mcrf4xx(body + bytes([extra])).to_bytes(2, "little") + bytes(13)
 
 
 @pytest.mark.parametrize("name", sorted(set(FORMATS) - {"tlog"}))

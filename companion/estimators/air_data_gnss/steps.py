@@ -46,7 +46,7 @@ from companion.estimators.judging import (
     tally,
 )
 from companion.estimators.method import Method
-from companion.estimators.outage import OUTAGE, growth_m2, outage_start
+from companion.estimators.outage import OUTAGE, extrapolated_m2, growth_m2, outage_start
 from companion.estimators.setting import (
     SETTING,
     has_setting,
@@ -323,6 +323,7 @@ def write_estimate(state: Rows, params: Rows, estimate: Rows) -> None:
         variance = (
             spread(s.error.P_settled, s.error.H)
             + growth_m2(s.outage, s.motion.time_us, s.baro_m)
+            + extrapolated_m2(s.outage, s.baro_m)
             + min(p.R_B, s.motion.P[0, 0])
             + s.slow_var_m2
         )

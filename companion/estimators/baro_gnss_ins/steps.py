@@ -61,7 +61,9 @@ from companion.estimators.method import Method
 from companion.estimators.outage import (
     GAP_S,
     OUTAGE,
+    extrapolated_m2,
     growth_m2,
+    moved_m2,
     note_difference,
     outage_start,
 )
@@ -189,7 +191,7 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     weight = max(1.0, p.gnss_correlation_s / elapsed_s)
     baro_m = baro_at_m(state, time_us)
     if elapsed_s > GAP_S and s.fixes.gnss_sd_m > 0.0:
-        resume_fixes(s.ins, s.fixes, growth_m2(s.outage, time_us, baro_m))
+        resume_fixes(s.ins, s.fixes, moved_m2(s.outage, time_us, baro_m))
     sd_m, down = gnss_sd_m(sample, p.gnss_sd_floor_m, p.gnss_sd_unknown_m), POSITION + DOWN
     S = s.ins.P[down, down] + sd_m * sd_m
     score(state, sample[0].altitude_amsl_m - s.ins.track.at[2], S)
@@ -313,6 +315,7 @@ def write_estimate(state: Rows, params: Rows, estimate: Rows) -> None:
     if fixes.gnss_sd_m > 0.0:
         slow_var = params[0].gnss_correlated_ratio * fixes.gnss_sd_m * fixes.gnss_sd_m
     moved = growth_m2(s.outage, ins.time_us, s.baro.h_p_m)
+    moved += extrapolated_m2(s.outage, s.baro.h_p_m)
     estimate[0].time_us = ins.time_us
     estimate[0].altitude_amsl_m = ins.position[2]
     estimate[0].climb_mps = -ins.velocity_n_mps[DOWN]

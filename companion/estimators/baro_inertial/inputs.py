@@ -36,6 +36,7 @@ import math
 
 import numpy as np
 
+from companion.estimators.outage import OUTAGE, gap_s, growth_m2, note_difference, outage_start
 from companion.estimators.setting import (
     KNOWN_COLUMN_RATIO,
     SETTING,
@@ -99,6 +100,7 @@ INPUTS = np.dtype(
     [
         ("attitude", ATTITUDE_STATE),
         ("setting", SETTING),
+        ("outage", OUTAGE),
         ("started_by_setting", "i8"),
         ("acceleration_mps2", "f8"),  # newest; NaN while there is no IMU that can be integrated
         *ring_fields("baro", RING_SIZE),  # standard-atmosphere heights until the start
@@ -129,6 +131,7 @@ def start_inputs(inputs: Record) -> None:
     """Nothing known."""
     attitude_start(inputs.attitude)
     setting_start(inputs.setting)
+    outage_start(inputs.outage)
     inputs.started_by_setting = 0
     clear(inputs.baro_us, inputs.baro_values)
     inputs.acceleration_mps2 = math.nan
@@ -267,6 +270,8 @@ def note_fix(
     elif not math.isnan(altitude_m):
         estimate[0].innovation_m = sample[0].altitude_amsl_m - altitude_m
         _reference(inputs, sample[0].time_us, estimate[0].innovation_m, sd_m)
+        gnss_m, speed_mps = sample[0].altitude_amsl_m, sample[0].ground_speed_mps
+        note_difference(inputs.outage, sample[0].time_us, gnss_m, altitude_m, speed_mps, sd_m)
 
 
 @step
@@ -370,16 +375,19 @@ def reference_sd_m(inputs: Record, params: Rows, time_us: int, altitude_m: float
 
     With the variance V of the first three and the mean m of GNSS less altitude with variance M, the
     error is m V / (V + M) on the average, spread by V M / (V + M). It is not corrected, so both
-    count; and the weather since the last fix.
+    count, and V is no less than m shows; and what the barometer has moved by since the last fix.
     """
     p = params[0]
-    since_us = inputs.start_us if inputs.reference_us < 0 else inputs.reference_us
-    unseen_m = p.pressure_drift_mps * max(0.0, (time_us - since_us) * 1e-6)
-    weather_m = p.pressure_drift_mps * (since_us - inputs.start_us) * 1e-6
+    until_us = max(time_us, inputs.start_us) if inputs.reference_us < 0 else inputs.reference_us
+    weather_m = p.pressure_drift_mps * (until_us - inputs.start_us) * 1e-6
     told = not math.isnan(inputs.start_air_k)
     column_error = KNOWN_COLUMN_RATIO if told else COLUMN_TEMPERATURE_ERROR
     column_m = column_error * (altitude_m - inputs.start_height_m)
     prior = inputs.start_var_m2 + weather_m * weather_m + column_m * column_m
+    if inputs.reference_us >= 0:
+        prior = max(prior, inputs.reference_m**2 - inputs.reference_var_m2)
     weight = 0.0 if inputs.reference_us < 0 else prior / (prior + inputs.reference_var_m2)
     seen_m = weight * inputs.reference_m
-    return math.sqrt(seen_m * seen_m + prior * (1.0 - weight) + unseen_m * unseen_m)
+    unseen_m = p.pressure_drift_mps * gap_s(inputs.outage, time_us)
+    unseen_m2 = unseen_m * unseen_m + growth_m2(inputs.outage, time_us, altitude_m)
+    return math.sqrt(seen_m * seen_m + prior * (1.0 - weight) + unseen_m2)

@@ -73,6 +73,15 @@ def isolation_start(pair: Record) -> None:
 
 
 @step
+def forget_datum(pair: Record) -> None:
+    """The first fix after a gap: what was seen before it, the datum and every doubt, is no evidence
+    any more. The next fixes give a new datum."""
+    pair.datum.age_s = 0.0
+    pair.isolation.apart_s, pair.isolation.suspect = 0.0, NOBODY
+    pair.isolation.doubt_s[IBI], pair.isolation.doubt_s[IIG] = 0.0, 0.0
+
+
+@step
 def expected_apart_m(pair: Record) -> float:
     """Spread of the difference of the two altimeters while both are healthy."""
     return math.sqrt(

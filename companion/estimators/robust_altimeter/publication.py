@@ -5,6 +5,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from companion.estimators.outage import growth_m2
 from companion.estimators.robust_altimeter.altimeters import lost
 from companion.estimators.robust_altimeter.error_model import IBI, IBIG, IIG, RECOMMENDED, share
 from companion.estimators.robust_altimeter.isolation import (
@@ -45,10 +46,10 @@ def ibi_weight(pair: Record, params: Rows) -> float:
 
 @step
 def spread_m(
-    pair: Record, params: Rows, ibi: float, since_gnss_s: float, datum_sd_m: float
+    pair: Record, params: Rows, outage: Record, ibi: float, now_us: int, datum_sd_m: float
 ) -> float:
-    """Error to expect: P, what GNSS and the datum have in common for minutes, the datum's age, and
-    the disagreement.
+    """Error to expect: P, what GNSS and the datum have in common for minutes, the datum's age, what
+    the barometer's error has moved by since the last fix, and the disagreement.
 
     Where the two altimeters are further apart than these explain, one of them is wrong, and nobody
     knows which. `datum_sd_m` is the spread of a datum without GNSS, NaN once there was a fix.
@@ -57,11 +58,13 @@ def spread_m(
         return math.sqrt(pair.P[IBI, 0, 0] + datum_sd_m * datum_sd_m)
     p = params[0]
     iig, shared = 1.0 - ibi, CORRELATED_SHARE * pair.sigma_gps_m * pair.sigma_gps_m
-    weather = p.pressure_drift_mps * (min(pair.datum.age_s, p.reference_s) + since_gnss_s)
+    drift_m2ps2 = p.pressure_drift_mps * p.pressure_drift_mps + outage.seen_m2ps2
+    weather = min(pair.datum.age_s, p.reference_s) ** 2 * drift_m2ps2
+    weather += growth_m2(outage, now_us, math.nan)
     variance, apart2 = shared, 0.0
     if ibi > 0.0:
         column = COLUMN_ERROR * (pair.height_m[IBI] - pair.datum.at_m)
-        variance += ibi * ibi * (pair.P[IBI, 0, 0] + weather * weather + column * column)
+        variance += ibi * ibi * (pair.P[IBI, 0, 0] + weather + column * column)
     if iig > 0.0:
         variance += iig * iig * pair.P[IIG, 0, 0]
     if pair.runs[IBI] == 1 and pair.runs[IIG] == 1:

@@ -23,6 +23,7 @@ from companion.estimators.judging import (
     tally,
 )
 from companion.estimators.method import Method
+from companion.estimators.outage import GAP_S, OUTAGE, note_difference, outage_start
 from companion.estimators.robust_altimeter.altimeters import (
     FRESH_US,
     PAIR,
@@ -39,6 +40,7 @@ from companion.estimators.robust_altimeter.error_model import IBI, IIG
 from companion.estimators.robust_altimeter.isolation import (
     TRUST_IBI,
     TRUST_IIG,
+    forget_datum,
 )
 from companion.estimators.robust_altimeter.publication import fuse, ibi_weight, spread_m
 from companion.estimators.robust_altimeter.settings import RobustAltimeterSettings
@@ -79,6 +81,7 @@ STATE = state_dtype(
     ("attitude", ATTITUDE_STATE),
     ("pair", PAIR),
     ("setting", SETTING),
+    ("outage", OUTAGE),
     ("level_m", "f8"),  # newest pressure altitude, geopotential
     ("first_us", "i8"),  # of the first pressure, -1 none
     ("baro_m", "f8"),  # newest barometer height
@@ -101,6 +104,7 @@ def start(state: Rows) -> None:
     attitude_start(s.attitude)
     altimeters_start(s.pair)
     setting_start(s.setting)
+    outage_start(s.outage)
     s.level_m, s.first_us = math.nan, -1
     s.baro_m = math.nan
     s.innovation_m = math.nan
@@ -232,12 +236,15 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     verdict = judge_gnss(state, sample)
     if verdict != USED:
         return tally(state, GNSS, verdict)
-    time_us = sample[0].time_us
+    time_us, before_us = sample[0].time_us, s.last_us[GNSS, 0]
+    is_back = p.robust == 1 and before_us >= 0 and time_us - before_us > GAP_S * 1e6
     place(state, GNSS, 0, time_us)
     attitude_gnss(s.attitude, sample)
     T = listen(state, params, time_us)
     s.pair.sigma_gps_m = gnss_sd_m(sample, p.sigma_GPS, p.sigma_GPS_unknown)
-    if lost(s.pair, IIG):
+    if is_back:
+        forget_datum(s.pair)
+    if is_back or lost(s.pair, IIG):
         begin(s.pair, params, IIG, sample[0].altitude_amsl_m)
     else:
         height_m = at(s.pair.iig_us, s.pair.iig_values, time_us, FRESH_US)
@@ -247,6 +254,15 @@ def on_gnss(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
             )
         s.innovation_m = sample[0].altitude_amsl_m - height_m
         verdict = gather(s.pair, params, IIG, -s.innovation_m)
+    if verdict == USED and not math.isnan(s.baro_m):
+        note_difference(
+            s.outage,
+            time_us,
+            sample[0].altitude_amsl_m,
+            s.baro_m,
+            sample[0].ground_speed_mps,
+            s.pair.sigma_gps_m,
+        )
     answer(state, params, T, estimate)
     return tally(state, GNSS, verdict)
 
@@ -279,14 +295,13 @@ def write_estimate(state: Rows, params: Rows, estimate: Rows) -> None:
     ibi = ibi_weight(s.pair, params)
     if math.isnan(ibi):
         return
-    since_gnss_s = (s.now_us - s.last_us[GNSS, 0]) * 1e-6
     datum_sd_m = math.nan
     if s.last_us[GNSS, 0] < 0:
         datum_sd_m = indicated_sd_m(s.setting, s.pair.height_m[IBI], s.now_us)
     estimate[0].time_us = s.pair.ins_us
     estimate[0].altitude_amsl_m = fuse(ibi, s.pair.height_m)
     estimate[0].climb_mps = fuse(ibi, s.pair.climb_mps)
-    estimate[0].altitude_sd_m = spread_m(s.pair, params, ibi, since_gnss_s, datum_sd_m)
+    estimate[0].altitude_sd_m = spread_m(s.pair, params, s.outage, ibi, s.now_us, datum_sd_m)
     estimate[0].climb_sd_mps = math.sqrt(
         ibi * s.pair.P[IBI, 1, 1] + (1.0 - ibi) * s.pair.P[IIG, 1, 1]
     )

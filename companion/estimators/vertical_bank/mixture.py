@@ -44,8 +44,9 @@ W, GN, BA, MO, BO, RE, N = 0, 3, 7, 10, 11, 13, 15
 LEAST = 1e-8
 """probability below which a hypothesis is dropped"""
 LONGEST_STEP_S, MOST_STEPS = 10.0, 100
-LAYER_M = 5.0
-"""The offset follows the scale in steps of so much height: noise must not be learned as scale."""
+PLAY_M, LAYER_M = 25.0, 5.0
+"""The offset follows the scale in steps of 5 m, and 25 m behind a height that turns: what goes with
+small ups and downs, such as airspeed, must not be learned as scale."""
 SOFT_SIGMA = 3.0
 """no single barometer height moves a channel by more than this many sigma"""
 HARD, SOFT, EXPLAINED = 0, 1, 2
@@ -301,14 +302,15 @@ def fuse_doubtful(
 
 @step
 def climb_the_column(bank: Record) -> None:
-    """o += s dh, when the mean height has moved by a layer."""
+    """o += s dh, when the mean height has moved by a layer beyond the play."""
     height_m = mean(bank, HEIGHT)
     if math.isnan(bank.level_m):
         bank.level_m = height_m
-    moved_m = height_m - bank.level_m
-    if abs(moved_m) < LAYER_M:
+    apart_m = height_m - bank.level_m
+    moved_m = apart_m - math.copysign(PLAY_M, apart_m)
+    if abs(apart_m) < PLAY_M + LAYER_M:
         return
-    bank.level_m = height_m
+    bank.level_m += moved_m
     for i in range(N):
         if bank.weight[i] > 0.0:
             carry(bank.x[i], bank.P[i], OFFSET, SCALE, moved_m)

@@ -84,6 +84,7 @@ _SECTIONS: tuple[Section, ...] = (
     Section("bound", "The papers' common scenarios and the Cramer-Rao bound", 200),
     Section("flights", "Simulated and recorded flights", 24),
     Section("faults", "Sensor faults", 2),
+    Section("outages", "Outages of GNSS", 3),
     Section("states", "Each state over one flight", 2),
     Section("protection", "Protection level and false alarms", 1000),
 )

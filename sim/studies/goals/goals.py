@@ -192,6 +192,14 @@ _GOALS = (
         "no ALTITUDE > 50 m wrong",
     ),
     Goal("real-outage", "real", "NEES of outages of 60 to 600 s on real flights", "<= 1.5"),
+    Goal(
+        "outages-nees",
+        "outages",
+        "NEES of outages of 60, 300, 600 s, every estimator, all real weather",
+        "<= 1.5",
+    ),
+    Goal("outages-sent", "outages", "ALTITUDE in these outages: largest error", "<= 50 m"),
+    Goal("outages-return", "outages", "first ALTITUDE after them later than 5 s", "none"),
 )
 
 GOALS: dict[str, Goal] = {goal.key: goal for goal in _GOALS}

@@ -51,8 +51,8 @@ lock:            ## write the pinned versions and hashes of the images anew (doc
 messages-page: $(VENV)/.sim ## write docs/messages.md anew from the code
 	@$(BIN)/python -m companion.message_page > docs/messages.md
 
-bench: $(VENV)/.dev     ## latency, load, memory, start-up, simulator speed: ratios within one run
-	$(BIN)/python -m tests.bench
+bench: $(VENV)/.dev     ## latency, load, memory, start-up, speed: measured, and written into the README
+	$(BIN)/python -m tests.bench --write
 
 clean:           ## remove the environment, caches and outputs
 	rm -rf $(VENV) out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

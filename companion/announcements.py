@@ -23,6 +23,7 @@ class Announcements:
         self._texts = StatusTexts()
         self._source = Source.NONE
         self._excluded = 0
+        self._problems: list[str] = []
 
     def due(self, host_us: int) -> list[Message]:
         """The messages to send now."""
@@ -37,9 +38,8 @@ class Announcements:
         health = monitor.health
         self._say("health", health, SEVERITY[health], f" {health.name}: {monitor.reason}")
 
-    def excluded(self, estimate: Rows) -> None:
-        """Another sensor is excluded, or none any more."""
-        faulty = int(estimate[0]["faulty"])
+    def excluded(self, faulty: int, estimate: Rows) -> None:
+        """Another sensor is excluded, or none any more: `faulty` of the estimate."""
         if faulty != self._excluded and self._enabled:
             self._excluded = faulty
             text = excluded(estimate) or "all sensors used again"
@@ -56,8 +56,11 @@ class Announcements:
         else:
             self._texts.retract("source")
 
-    def streams(self, problems: list[str], last: list[str]) -> None:
-        """Streams that are slow, missing or refused have changed from `last` to `problems`."""
+    def streams(self, problems: list[str]) -> None:
+        """Streams that are slow, missing or refused now."""
+        if problems == self._problems:
+            return
+        last, self._problems = self._problems, problems
         kinds = [problem.split(":")[0] for problem in problems]
         if kinds != [problem.split(":")[0] for problem in last]:
             severity = mavlink.MAV_SEVERITY_WARNING if problems else mavlink.MAV_SEVERITY_INFO

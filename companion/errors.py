@@ -6,8 +6,6 @@
      ├─ ConfigError      a configuration file cannot be used     (wrong key, type, range; no file)
      ├─ LinkError        a link cannot be opened or used         (bad URL, no port, address in use)
      ├─ LogFormatError   a file is not a log of its format       (not a tlog, unreadable, empty)
-     ├─ IdentityError    another program sends with our ids     (a second companion 1/191)
-     ├─ VehicleError     the link works, the vehicle does not    (no heartbeat, no barometer)
      └─ SimulationError  the simulated flight left reality       (non-finite state, below ground)
 
 Bad *data* (corrupt frames, absurd values, clock jumps) never raises: it is counted by reason, or
@@ -30,14 +28,6 @@ class LinkError(KollsmanError, OSError):
 
 class LogFormatError(KollsmanError, ValueError):
     """A file is not of the log format that its name or content suggests, or holds no log."""
-
-
-class IdentityError(KollsmanError):
-    """Another component on the link already uses our system and component id."""
-
-
-class VehicleError(KollsmanError):
-    """The link is open but the vehicle does not send what is needed."""
 
 
 class SimulationError(KollsmanError):

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.mavlink.codec import Message
-from companion.samples import HEIGHT, Kind, Rows, Tables, Verdict
+from companion.samples import Kind, Rows, Tables, Verdict
 
 
 class Observer(Protocol):
@@ -56,6 +56,3 @@ class BlockObserver(Observer, Protocol):
 
     def block(self, block: Block) -> None:
         """Many samples; equal to the calls of the other methods, one at a time."""
-
-
-NO_HEIGHTS = np.zeros(0, HEIGHT)

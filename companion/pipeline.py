@@ -15,6 +15,7 @@ from companion.feedback import Feedback, Situation
 from companion.health import HealthMonitor
 from companion.intake import Intake, SampleReject, restart_row
 from companion.known_air import AirSettings, KnownAir
+from companion.live import LivePath
 from companion.mavlink import convert
 from companion.mavlink.codec import Decoder, Frame, Message, mavlink
 from companion.mavlink.commands import Commands
@@ -84,7 +85,6 @@ class Pipeline:
         other_id = settings.air.reference_system_id
         self.identity = identity_of(settings.vehicle, settings.identity, other_id)
         self.announcements = Announcements(enabled=settings.publish.statustext)
-        self._problems: list[str] = []
         self._begin()
         self.feedback = feedback or Feedback(settings.feedback)
         self.verdicts = [[0] * len(Verdict) for _ in Kind]
@@ -96,6 +96,7 @@ class Pipeline:
         self.listeners = dict(listeners or {})
         self._sender = Sender(signing)
         self.commands, self._host_us = Commands(intervals(settings.publish)), 0
+        self._live = LivePath(self)
         self.parameters = Parameters(settings, AirSettings, lambda: self.air)
         self._requests = Requests(self.parameters, self.commands)
         self._wanted = self.readings.message_ids | {SYSTEM_TIME, ALTITUDE, GLOBAL_POSITION_INT}
@@ -104,7 +105,8 @@ class Pipeline:
             self._wanted.add(PARAM_VALUE)
         self.observe(observer)
         self._conflict: Callable[[Frame], None] | None = None
-        self._rate_request: Callable[[Frame], None] | None = None
+        self.on_rate_request: Callable[[Frame], None] | None = None
+        """called for every request of another program for the vehicle's message rates"""
 
     def _begin(self) -> None:
         """Forget what was measured: another vehicle is followed from here on."""
@@ -141,7 +143,7 @@ class Pipeline:
     def observe(self, observer: Observer | None) -> None:
         """Let `observer` see what happens from now on."""
         self._observer = observer
-        self._wants_imu = observer is not None or Kind.IMU in self.filter.method.uses
+        self.wants_imu = observer is not None or Kind.IMU in self.filter.method.uses
 
     def listen(self, message_id: int, listener: Callable[[Message], None]) -> None:
         """Call `listener` for each message of this id, in place of the one before."""
@@ -164,22 +166,19 @@ class Pipeline:
         """Call back for every frame that carries our own ids."""
         self._conflict = callback
 
-    def on_rate_request(self, callback: Callable[[Frame], None]) -> None:
-        """Call back for every request of another program for the vehicle's message rates."""
-        self._rate_request = callback
-
     def feed(self, packet: Packet, source: Hashable = None) -> list[bytes]:
         """Take in a packet; the frames to send because of it.
 
         `source` is the network address that it came from, on a link that has several.
         """
-        return self._take(self.decoder.feed(packet.data), packet.time_us, source)
+        self.frames, self._host_us = [], packet.time_us
+        return self._live.feed(packet.data, packet.time_us, source)
 
     def feed_item(self, item: Item, arrival_us: int) -> list[bytes]:
         """Take in what a log's reader has found; the frames to send because of it."""
+        self.frames, self._host_us = [], arrival_us
         if isinstance(item, Frame):
-            return self._take([item], arrival_us, None)
-        self.frames = []
+            return self.take([item], arrival_us, None)
         if isinstance(item, Sensed):
             return self._reading(item.reading, item.source, arrival_us)
         if isinstance(item, Height):
@@ -192,7 +191,8 @@ class Pipeline:
 
     def flush(self, arrival_us: int) -> list[bytes]:
         """The line fell silent: give up on a half-received frame."""
-        return self._take(self.decoder.flush(), arrival_us, None)
+        self.frames, self._host_us = [], arrival_us
+        return self.take(self.decoder.flush(), arrival_us, None)
 
     def age(self, host_us: int) -> list[bytes]:
         """Time passed on the host's clock: lose a height that is old, send texts that are due."""
@@ -200,38 +200,28 @@ class Pipeline:
         if self.health.age(host_us, lambda: ", ".join(identity.others(host_us - OTHERS_US))):
             self.announcements.health(self.health)
             ids = "{}/{}".format(*(identity.vehicle or (0, 0)))
-            since = f"lost at {max(0, self.now_us) * 1e-6:.1f} s of its clock"
-            identity.tell(f"vehicle {ids} {since}: {self.health.reason}")
+            lost_s = max(0, self.now_us) * 1e-6
+            identity.tell(
+                f"vehicle {ids} lost at {lost_s:.1f} s of its clock: {self.health.reason}"
+            )
+        return self.texts(host_us)
+
+    def texts(self, host_us: int) -> list[bytes]:
+        """The texts that are due on the host's clock."""
         messages = self.announcements.due(host_us)
-        return self._encode(messages) if messages else []
+        return self.encode(messages) if messages else []
 
     def heartbeat(self) -> list[bytes]:
         """Our own heartbeat."""
-        return self._encode([heartbeat(self.health.health)])
-
-    def tell_problems(self, problems: list[str]) -> None:
-        """STATUSTEXT about streams that are slow, missing or refused, when that changes."""
-        if problems != self._problems:
-            self.announcements.streams(problems, self._problems)
-            self._problems = problems
-
-    def yield_ids(self, may_move: bool) -> None:
-        """Another program uses our ids: take the next free ones, or say so and keep them."""
-        self.announcements.ids(self.identity.yield_ids(may_move))
+        return self.encode([heartbeat(self.health.health)])
 
     def farewell(self, host_us: int) -> list[bytes]:
         """The last messages: ALTITUDE with the vehicle's own height, and a text that says so."""
-        own_height = self.outputs.last_height(self.now_us)
-        if own_height is None:
-            return []
-        return self._encode([own_height, *self.announcements.farewell()])
+        own = self.outputs.last_height(self.now_us)
+        return self.encode([own, *self.announcements.farewell()]) if own is not None else []
 
-    def encode(self, message: Message) -> list[bytes]:
-        """A message of the service's own, such as a request to the vehicle."""
-        return self._encode([message])
-
-    def _take(self, frames: list[Frame], arrival_us: int, source: Hashable) -> list[bytes]:
-        self.frames, self._host_us = [], arrival_us
+    def take(self, frames: list[Frame], arrival_us: int, source: Hashable) -> list[bytes]:
+        """Take frames one after the other, in the steps that all messages have."""
         sent: list[bytes] = []
         for frame in frames:
             sent += self._frame(frame, arrival_us, source) + self.age(arrival_us)
@@ -258,8 +248,8 @@ class Pipeline:
                 self._conflict(frame)
         elif message_id in REQUESTS:
             return self._request(frame, arrival_us)
-        elif message_id == DATA_STREAM and self._rate_request is not None:
-            self._rate_request(frame)
+        elif message_id == DATA_STREAM and self.on_rate_request is not None:
+            self.on_rate_request(frame)
         if origin is not VEHICLE:
             if frame.system_id == self.settings.air.reference_system_id:
                 self.hear_reference(frame)
@@ -276,11 +266,11 @@ class Pipeline:
         message = self.decoder.decode(frame)
         if message is None:
             return []
-        if asks_rate(message, frame.message_id) and self._rate_request is not None:
-            self._rate_request(frame)
+        if asks_rate(message, frame.message_id) and self.on_rate_request is not None:
+            self.on_rate_request(frame)
         asker = (frame.system_id, frame.component_id)
         answers = self._requests.answer(message, asker, self.identity.own, arrival_us)
-        return self._encode(answers) if answers else []
+        return self.encode(answers) if answers else []
 
     def _message(self, message: Message, message_id: int, arrival_us: int) -> list[bytes]:
         listener, receivers = self.listeners.get(message_id), (0, self.identity.component_id)
@@ -303,7 +293,7 @@ class Pipeline:
             if own_height is None:
                 return []
             self.announcements.source(self.outputs.source)
-            return self._encode([own_height])
+            return self.encode([own_height])
         elif message_id == PARAM_VALUE:
             self.feedback.parameter(message)
         readings = self.readings.of(message, message_id, self.identity.autopilot)
@@ -325,7 +315,7 @@ class Pipeline:
             sent += self._sample(Kind.STATUS, reboot)
         if time_us is None:
             return sent
-        if reading.kind is Kind.IMU and not self._wants_imu:
+        if reading.kind is Kind.IMU and not self.wants_imu:
             self.verdicts[Kind.IMU][Verdict.IGNORED] += 1
         elif self.readings.is_replaced(reading, message_id, self.now_us):
             self.intake.counters[SampleReject.REPLACED] += 1
@@ -336,9 +326,7 @@ class Pipeline:
 
     def _sample(self, kind: Kind, row: Rows, instance: int = 0) -> list[bytes]:
         """Give a sample to the estimator and its verdict to all who follow it."""
-        now_us = self.now_us
-        known = self.air.follow(kind, row, now_us, self.filter.estimate)
-        sent = self._sample(Kind.AIR, self.intake.air(known, row)) if known is not None else []
+        now_us, sent = self.now_us, self.tell_air(kind, row)
         self.identity.measured(kind)
         verdict = Verdict.IGNORED
         if self.estimates:
@@ -347,43 +335,55 @@ class Pipeline:
             if instance == 0 or verdict is Verdict.USED:
                 self.health.sample(kind, verdict, now_us, int(row["arrival_us"][0]))
             self.outputs.sample(kind, row, verdict, self.filter.estimate)
+        self.count(kind, row, verdict)
+        return sent + self._react(now_us, used=verdict is Verdict.USED)
+
+    def tell_air(self, kind: Kind, row: Rows) -> list[bytes]:
+        """Tell the estimator what is known of the air and what it has not been told."""
+        known = self.air.follow(kind, row, self.now_us, self.filter.estimate)
+        return self._sample(Kind.AIR, self.intake.air(known, row)) if known is not None else []
+
+    def count(self, kind: Kind, row: Rows, verdict: Verdict) -> None:
+        """Count a sample, and show it to the observer."""
         self.verdicts[kind][verdict] += 1
         if self._observer is not None:
             self._observer.sample(kind, row, verdict, self.filter.estimate)
-        return sent + self._react(now_us, used=verdict is Verdict.USED)
 
     def _react(self, now_us: int, *, used: bool) -> list[bytes]:
         """What is due now that the vehicle's clock is at `now_us`: health, ALTITUDE, DEBUG."""
         if not self.estimates:
             return []
-        estimate = self.filter.estimate
-        messages: list[Message] = []
-        changed = False
+        estimate, changed = self.filter.estimate, False
         if used or self.health.is_due(now_us):
             objection = self.intake.objection or self.checker.judge(now_us, estimate)
             changed = self.health.assess(now_us, estimate, *objection)
-            self.announcements.excluded(estimate)
+            self.announcements.excluded(int(estimate["faulty"][0]), estimate)
             if self.checker.asks_restart(now_us, supported=self.health.has_altitude):
-                self._restart_estimator()
-        health = self.health.health
-        if used:
-            altitude = self.outputs.altitude(now_us, health, estimate)
-            if altitude is not None:
-                self.announcements.source(self.outputs.source)
-                messages.append(altitude)
-                if self._observer is not None:
-                    self._observer.published(altitude)
+                self.restart_estimator()
+        due = self.outputs.altitude(now_us, self.health.health, estimate) if used else None
+        return self.publish(due, changed=changed)
+
+    def publish(self, altitude: Message | None, *, changed: bool) -> list[bytes]:
+        """The frames of an ALTITUDE and of what else is due; `changed` is whether health did."""
+        messages: list[Message] = []
+        if altitude is not None:
+            self.announcements.source(self.outputs.source)
+            messages.append(altitude)
+            if self._observer is not None:
+                self._observer.published(altitude)
         if not self.sends:
             return []
         if changed:
             self.announcements.health(self.health)
-        messages += self.outputs.debug(now_us, health, estimate, self.filter.state)
-        if (vehicle := self.identity.vehicle) is not None:
-            situation = Situation(health, estimate, vehicle, self.identity.autopilot)
+        now_us, health, estimate = self.now_us, self.health, self.filter.estimate
+        if self.outputs.is_debug_due(now_us):
+            messages += self.outputs.debug(now_us, health.health, estimate, self.filter.state)
+        if self.feedback.knob is not None and (vehicle := self.identity.vehicle) is not None:
+            situation = Situation(health.health, estimate, vehicle, self.identity.autopilot)
             messages += self.feedback.step(now_us, situation)
-        return self._encode(messages) if messages else []
+        return self.encode(messages) if messages else []
 
-    def _restart_estimator(self) -> None:
+    def restart_estimator(self) -> None:
         """Start the estimator anew. Observers see its samples only, as another would get them."""
         self.filter.step(Kind.STATUS, restart_row(self.now_us, self.now_us))
         self.air.restart()
@@ -391,7 +391,8 @@ class Pipeline:
         logger.warning("%s (restart %d)", reason, self.checker.restarts)
         self.announcements.restart(reason, self.checker.restarts)
 
-    def _encode(self, messages: list[Message]) -> list[bytes]:
+    def encode(self, messages: list[Message]) -> list[bytes]:
+        """The frames of messages of ours, such as a request to the vehicle."""
         if not self.sends:
             return []
         self.commands.sent(messages, self._host_us)

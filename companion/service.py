@@ -120,7 +120,7 @@ class Service:
         self._checkpoint = checkpoint
         is_first = checkpoint is not None and earlier is None
         self._resumption = checkpoint.restore(self.pipeline) if checkpoint and is_first else None
-        self.pipeline.on_rate_request(self._rate_requested)
+        self.pipeline.on_rate_request = self._rate_requested
         self._streaming = Streaming(self.pipeline, settings, link.bytes_per_s)
         self._recorder = recorder
         self._recent: deque[bytes] = deque(maxlen=256)
@@ -264,13 +264,13 @@ class Service:
             self._send(self.pipeline.heartbeat(), now_us)
         request = self.timesync.poll(now_us) if self.pipeline.identity.vehicle else None
         if request is not None:
-            self._send(self.pipeline.encode(request), now_us)
+            self._send(self.pipeline.encode([request]), now_us)
         path = (self.link.statistics.reconnects, self.pipeline.identity.source)
         for message in self._streaming.poll(now_us, path):
-            self._send(self.pipeline.encode(message), now_us)
+            self._send(self.pipeline.encode([message]), now_us)
         if self._reference is not None:
             self._reference.poll(now_us, self._hear_reference)
-        self.pipeline.tell_problems(self.problems)
+        self.pipeline.announcements.streams(self.problems)
         if not self._noticed and now_us - self._start_us > NOTICE_US:
             self._noticed = True
             missing = notice(self.pipeline, self.link)
@@ -289,10 +289,10 @@ class Service:
         own height, which a ground station then keeps on display."""
         now_us = self.clock.now_us()
         for message in self.pipeline.feedback.stop():
-            self._send(self.pipeline.encode(message), now_us)
+            self._send(self.pipeline.encode([message]), now_us)
         self._send(self.pipeline.farewell(now_us), now_us)
         for message in self._streaming.restore():
-            self._send(self.pipeline.encode(message), now_us)
+            self._send(self.pipeline.encode([message]), now_us)
 
     def _keep_state(self, now_us: int) -> None:
         if self._resumption is not None and not self._resumption.settled:
@@ -349,7 +349,7 @@ class Service:
             self.timesync.take(message, now_us)
         else:
             answer = mavlink.MAVLink_timesync_message(now_us * 1000, message.ts1)
-            self._send(self.pipeline.encode(answer), now_us)
+            self._send(self.pipeline.encode([answer]), now_us)
 
     def _store_air(self, keeps: bool) -> bool:
         """A ground station wants what it set of the air kept for the next start, or forgotten."""
@@ -371,7 +371,8 @@ class Service:
         self._foreign_heartbeats += 1
         if self._foreign_heartbeats == FOREIGN_HEARTBEATS:
             self._foreign_heartbeats = 0
-            self.pipeline.yield_ids(self.settings.identity.on_conflict == "next")
+            may_move = self.settings.identity.on_conflict == "next"
+            self.pipeline.announcements.ids(self.pipeline.identity.yield_ids(may_move))
 
     def summary(self) -> str:
         """One line for the end of a run."""

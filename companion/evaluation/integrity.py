@@ -52,14 +52,6 @@ class Protection:
     def rate_per_h(self) -> float:
         return self.exceedances / self.hours if self.hours > 0.0 else math.nan
 
-    @property
-    def interval_per_h(self) -> tuple[float, float]:
-        """95 % confidence interval of the rate."""
-        if not self.hours > 0.0:
-            return math.nan, math.nan
-        low, high = poisson_interval(self.exceedances)
-        return low / self.hours, high / self.hours
-
 
 @dataclass(frozen=True)
 class Regions:

@@ -2,56 +2,38 @@
 logs.
 
 Every estimator with ``Method.tunable`` counts the log-likelihood of its innovations in its state
-(`companion.estimators.judging.score`). The keys are searched in their logarithms by L-BFGS-B with
-finite differences (`scipy.optimize`), within a factor of `WIDEST`.
-
-A key is observable when the likelihood falls by at least `LEAST_DROP` both when it is doubled and
-when it is halved, at the optimum; others keep their value. Each part (a session, or half of one
-when there is only one) is also judged with the values that the others give; unless the parts become
-more likely in sum, the tuning is refused. Source: Abbeel et al., Discriminative training of Kalman
-filters, 2005.
+(`companion.estimators.judging.score`); `companion.evaluation.noise_search` finds the most likely
+values. Each part (a session, or half of one when there is only one) is also judged with the values
+that the others give; unless the parts become more likely in sum, the tuning is refused. Source:
+Abbeel et al., Discriminative training of Kalman filters, 2005.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
-
-import numpy as np
 
 from companion import __version__
 from companion.config import Settings
 from companion.errors import ConfigError, LogFormatError
-from companion.estimators import ESTIMATORS, Method
-from companion.estimators.judging import IGNORED
+from companion.estimators import ESTIMATORS
 from companion.evaluation.compare import compare_log
+from companion.evaluation.noise_search import (
+    Likelihood,
+    Part,
+    observable,
+    search,
+    total,
+    with_values,
+)
 from companion.evaluation.samples import Sampler, Tap
 from companion.logs import open_log
 from companion.replay.sessions import sessions_of
-from companion.samples import ESTIMATE, SampleLog, rows
+from companion.samples import SampleLog
 from companion.settings import CompanionSettings
 
-WIDEST = 30.0
-LEAST_DROP = 2.0
-"""of the log-likelihood: two standard deviations of a Gaussian"""
-FACTOR = 2.0
 MOST_FOLDS = 5
-MOST_ITERATIONS = 25
-DIFFERENCE = 0.05
-"""of a logarithm: the likelihood is not smooth where a gate opens"""
 LEAST_INNOVATIONS = 100.0
-RELATIVE = 1e-5
-"""improvement at which the search ends, as a share of the likelihood"""
-
-
-class Part(NamedTuple):
-    """A stretch of a log that is judged as a whole."""
-
-    log: SampleLog
-    first: int
-    end: int
-    """its entries of ``log.tables.order``; the estimator begins with the log in any case"""
 
 
 @dataclass(frozen=True)
@@ -62,7 +44,7 @@ class Change:
     before: float
     after: float
     factor_sd: float
-    """standard deviation of `after` as a factor"""
+    """standard deviation of `after` as a factor; infinite where only one side is known"""
 
 
 @dataclass(frozen=True)
@@ -71,8 +53,8 @@ class Tuned:
 
     estimator: str
     changes: list[Change]
-    kept: list[str]
-    """keys that the logs do not show"""
+    kept: dict[str, str]
+    """keys that the logs do not show, and why"""
     innovations: float
     likelihood: tuple[float, float]
     """log-likelihood of an innovation, before and after"""
@@ -86,10 +68,10 @@ class Tuned:
         """For a terminal."""
         lines = [f"{'key':30s}{'before':>12s}{'after':>12s}   factor sd"]
         for each in self.changes:
-            lines.append(
-                f"{each.key:30s}{each.before:12.4g}{each.after:12.4g}   {each.factor_sd:.3f}"
-            )
-        lines += [f"{key:30s} kept: the logs do not show it" for key in self.kept]
+            side = "at most" if each.after < each.before else "at least"
+            known = f"{each.factor_sd:.3f}" if math.isfinite(each.factor_sd) else side
+            lines.append(f"{each.key:30s}{each.before:12.4g}{each.after:12.4g}   {known}")
+        lines += [f"{key:30s} kept: {reason}" for key, reason in self.kept.items()]
         lines += ["", *self.figures()]
         return "\n".join(lines)
 
@@ -142,15 +124,12 @@ def tune(
         for each in sessions_of(open_log(path), settings, lambda _: Tap(), Sampler)
     ]
     section = settings.section(estimator)
-    likelihood = _Likelihood(method, section, on_progress)
+    likelihood = Likelihood(method, section, on_progress)
     parts = _usable(likelihood, logs, f"{paths[0]}: {estimator}")
-    found, spread = _observable(likelihood, parts)
+    found, factor_sd, kept = observable(likelihood, parts)
     if not found:
-        raise LogFormatError(
-            f"the logs show no noise parameter of {estimator}: the likelihood of the innovations "
-            f"falls by less than {LEAST_DROP:g} when any of {', '.join(method.tunable)} is doubled "
-            "or halved"
-        )
+        reasons = "; ".join(f"{key}: {reason}" for key, reason in kept.items())
+        raise LogFormatError(f"the logs show no noise parameter of {estimator}: {reasons}")
     held = _held_out(likelihood, parts, list(found))
     if held[1] <= held[0]:
         raise LogFormatError(
@@ -158,60 +137,27 @@ def tune(
             f"({held[0]:.4f} before, {held[1]:.4f} after, an innovation): the logs differ too "
             "much, or are too few"
         )
-    total = [_sum(likelihood, parts, values) for values in ({}, found)]
-    after = _with(section, found)
+    sums = [total(likelihood, parts, values) for values in ({}, found)]
+    after = with_values(section, found)
     return Tuned(
         estimator,
-        [Change(key, getattr(section, key), value, spread[key]) for key, value in found.items()],
-        [key for key in method.tunable if key not in found],
-        total[0][1],
-        (total[0][0] / total[0][1], total[1][0] / total[1][1]),
+        [Change(key, getattr(section, key), value, factor_sd[key]) for key, value in found.items()],
+        kept,
+        sums[0][1],
+        (sums[0][0] / sums[0][1], sums[1][0] / sums[1][1]),
         held,
         _errors(logs, settings, estimator, after),
         len(parts),
     )
 
 
-def _usable(likelihood: "_Likelihood", logs: Sequence[SampleLog], name: str) -> list[Part]:
+def _usable(likelihood: "Likelihood", logs: Sequence[SampleLog], name: str) -> list[Part]:
     """The logs as parts with innovations enough; a single one in two halves."""
     parts = [part for part in _parts(logs) if likelihood.of({}, part)[1] >= LEAST_INNOVATIONS]
     if not parts:
         least = f"fewer than {LEAST_INNOVATIONS:.0f} innovations"
         raise LogFormatError(f"{name} has {least}: nothing to tune on")
     return _halves(parts) if len(parts) == 1 else parts
-
-
-class _Likelihood:
-    """The log-likelihood of the innovations under other values of the keys."""
-
-    def __init__(
-        self, method: Method, section: Settings, on_progress: Callable[[float], None] | None
-    ) -> None:
-        self.keys = method.tunable
-        self.section = section
-        self._method, self._on_progress = method, on_progress
-        self._count = 0
-
-    def of(self, values: Mapping[str, float], part: Part) -> tuple[float, float]:
-        """(log-likelihood, number of innovations) of a part."""
-        self._count += 1
-        if self._on_progress is not None:
-            self._on_progress(1.0 - math.exp(-self._count / 300.0))
-        params = _with(self.section, values).params()  # type: ignore[attr-defined]
-        before = self._run(params, part.log, part.first) if part.first else (0.0, 0.0)
-        whole = self._run(params, part.log, part.end)
-        return whole[0] - before[0], whole[1] - before[1]
-
-    def _run(self, params: object, log: SampleLog, end: int) -> tuple[float, float]:
-        state = self._method.init(params)  # type: ignore[arg-type]
-        tables = log.tables._replace(order=log.tables.order[:end])
-        verdicts = np.full(end, IGNORED, np.int64)
-        self._method.run(state, params, tables, rows(ESTIMATE, end), verdicts)
-        return float(state[0]["log_likelihood"]), float(state[0]["innovations"])
-
-
-def _with(section: Settings, values: Mapping[str, float]) -> Settings:
-    return section.model_copy(update=dict(values))
 
 
 def _parts(logs: Sequence[SampleLog]) -> list[Part]:
@@ -223,75 +169,8 @@ def _halves(parts: Sequence[Part]) -> list[Part]:
     return [Part(log, 0, middle), Part(log, middle, len(log))]
 
 
-def _sum(
-    likelihood: _Likelihood, parts: Sequence[Part], values: Mapping[str, float]
-) -> tuple[float, float]:
-    told = [likelihood.of(values, part) for part in parts]
-    return math.fsum(value for value, _ in told), math.fsum(count for _, count in told)
-
-
-def _search(
-    likelihood: _Likelihood, parts: Sequence[Part], keys: Sequence[str]
-) -> dict[str, float]:
-    """The values of `keys` under which the parts are most likely."""
-    from scipy.optimize import minimize
-
-    start = np.log([float(getattr(likelihood.section, key)) for key in keys])
-    scale = max(1.0, abs(_sum(likelihood, parts, {})[0]))
-    found = minimize(
-        lambda x: -_sum(likelihood, parts, dict(zip(keys, np.exp(x), strict=True)))[0] / scale,
-        start,
-        method="L-BFGS-B",
-        bounds=[(x - math.log(WIDEST), x + math.log(WIDEST)) for x in start],
-        options={"eps": DIFFERENCE, "maxiter": MOST_ITERATIONS, "ftol": RELATIVE},
-    )
-    return {key: float(value) for key, value in zip(keys, np.exp(found.x), strict=True)}
-
-
-def _observable(
-    likelihood: _Likelihood, parts: Sequence[Part]
-) -> tuple[dict[str, float], dict[str, float]]:
-    """Values of the keys that the parts show, and their standard deviations as factors.
-
-    Keys that run to the bound are left out first, then the one that shows least, until all show.
-    """
-    keys = [key for key in likelihood.keys if getattr(likelihood.section, key) > 0]
-    keys = [key for key in keys if max(map(abs, _drops(likelihood, parts, {}, key))) >= LEAST_DROP]
-    while keys:
-        values = _search(likelihood, parts, keys)
-        inside = [key for key in keys if _is_inside(likelihood.section, key, values[key])]
-        drops = {key: min(_drops(likelihood, parts, values, key)) for key in inside}
-        weakest = min(drops, key=drops.__getitem__, default=None)
-        if len(inside) == len(keys) and weakest is not None and drops[weakest] >= LEAST_DROP:
-            spread = {
-                key: math.exp(math.log(FACTOR) / math.sqrt(2.0 * drop))
-                for key, drop in drops.items()
-            }
-            return values, spread
-        keys = inside if len(inside) < len(keys) else [key for key in keys if key != weakest]
-    return {}, {}
-
-
-def _is_inside(section: Settings, key: str, value: float) -> bool:
-    """Whether a value is not at the bound of the search."""
-    return abs(math.log(value / getattr(section, key))) < 0.99 * math.log(WIDEST)
-
-
-def _drops(
-    likelihood: _Likelihood, parts: Sequence[Part], values: Mapping[str, float], key: str
-) -> tuple[float, float]:
-    """By how much the log-likelihood falls when a key is doubled, and when it is halved."""
-    here = _sum(likelihood, parts, values)[0]
-    value = values.get(key, getattr(likelihood.section, key))
-    up, down = (
-        here - _sum(likelihood, parts, {**values, key: value * factor})[0]
-        for factor in (FACTOR, 1.0 / FACTOR)
-    )
-    return up, down
-
-
 def _held_out(
-    likelihood: _Likelihood, parts: Sequence[Part], keys: Sequence[str]
+    likelihood: Likelihood, parts: Sequence[Part], keys: Sequence[str]
 ) -> tuple[float, float]:
     """Log-likelihood of an innovation of parts that were left out, before and after."""
     folds = min(len(parts), MOST_FOLDS)
@@ -299,10 +178,10 @@ def _held_out(
     for fold in range(folds):
         left_out = list(parts[fold::folds])
         others = [part for k in range(folds) if k != fold for part in parts[k::folds]]
-        values = _search(likelihood, others, keys)
-        told, number = _sum(likelihood, left_out, {})
+        values = search(likelihood, others, keys)
+        told, number = total(likelihood, left_out, {})
         before, count = before + told, count + number
-        after += _sum(likelihood, left_out, values)[0]
+        after += total(likelihood, left_out, values)[0]
     return before / count, after / count
 
 

@@ -126,6 +126,16 @@ def place(
 
 
 @step
+def is_near(c: Rows, p: Rows, base: int, stamp_us: int) -> bool:
+    """Whether the clock is known and a stamp cannot restart it: most are near it."""
+    if c[0].now_us < 0 or c[0].wraps:
+        return False
+    is_wrapping = c[0].now_us > (WRAP_MS - WRAP_MARGIN_MS) * 1000
+    is_late_or_early = abs(stamp_us - c[0].now_us) > p[0].reorder_us
+    return base != BOOT or not (is_wrapping or is_late_or_early)
+
+
+@step
 def _slot(c: Rows, number: int) -> int:
     """The place of a source; the last one is shared when there are too many."""
     for i in range(SOURCES - 1):

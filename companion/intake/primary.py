@@ -28,7 +28,10 @@ class Primary:
         """Give a row, shape (1,), the number of its sensor among its kind."""
         is_gnss = self._kind is Kind.GNSS
         works = steps.fix_works(row) if is_gnss else steps.pressure_works(row)
-        instance = int(row["instance"][0])
         if steps.number(self.state, row, works):
-            name = NAMES[self._kind]
-            logger.warning("%s 1 has no value: number %d is used", name, instance + 1)
+            self.tell()
+
+    def tell(self) -> None:
+        """Log which other sensor is the primary one now."""
+        name, number = NAMES[self._kind], int(self.state["first"][0]) + 1
+        logger.warning("%s 1 has no value: number %d is used", name, number)

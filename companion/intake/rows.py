@@ -117,6 +117,14 @@ class Intake:
             self.datum.gnss(row)
         return row
 
+    def tell(self, primary: Kind | None) -> None:
+        """Log what compiled steps have found; `primary` is the kind whose primary sensor is
+        another one now."""
+        self.clock.tell()
+        if primary is not None:
+            self.primaries[primary].tell()
+        self.datum.tell()
+
     def newest(self, kind: Kind) -> Rows:
         """The row, shape (1,), of the newest sample of a kind; NaN and 0 before the first."""
         return self._rows[kind]

@@ -17,7 +17,7 @@ A suspect row is marked; estimators reject it.
 import logging
 
 from companion.intake import screen_steps as steps
-from companion.intake.screen_steps import NONE, NONE_US, SCREEN, SCREEN_PARAMS
+from companion.intake.screen_steps import NONE, SCREEN, SCREEN_PARAMS
 from companion.intake.settings import IntakeSettings
 from companion.samples import Kind, Rows, rows
 
@@ -50,26 +50,15 @@ class DatumScreen:
     def gnss(self, row: Rows) -> None:
         """Note a credible GNSS height, and mark it when it is the suspect."""
         steps.judge_fix(self.state, self.params, row)
-        self._tell()
+        self.tell()
 
     def pressure(self, row: Rows) -> None:
         """Judge a pressure, and mark it when it is the suspect."""
         steps.judge_pressure(self.state, self.params, row)
-        self._tell()
+        self.tell()
 
-    @property
-    def suspects(self) -> tuple[Kind, ...]:
-        """The kinds that are marked as suspect now."""
-        return tuple(
-            Kind(int(kind))
-            for baro in self.state["baros"][0]
-            if baro["time_us"] != NONE_US
-            for kind in (baro["datum"], baro["step"])
-            if kind != NONE
-        )
-
-    def _tell(self) -> None:
-        """Log a suspect that changed."""
+    def tell(self) -> None:
+        """Log a suspect that changed, once."""
         changes = int(self.state["changes"][0])
         if changes == self._told:
             return

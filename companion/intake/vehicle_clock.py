@@ -63,8 +63,7 @@ class VehicleClock:
         effect, time_us = steps.place(
             self.state, self.params, BASES[reading.base], stamp_us, source, arrival_us
         )
-        if self.state["wrong_units"][0] != self._wrong_units:
-            self._tell_units()
+        self.tell()
         return EFFECTS[effect], time_us
 
     def tick(self, time_us: int, arrival_us: int = 0) -> tuple[Clockwork, int]:
@@ -84,8 +83,10 @@ class VehicleClock:
         offset_us = int(self.state["unix_us"][0])
         return None if offset_us == NONE_US else offset_us
 
-    def _tell_units(self) -> None:
-        """Log the message whose stamps were found to be in the wrong unit."""
+    def tell(self) -> None:
+        """Log the message whose stamps were found to be in the wrong unit, once."""
+        if self.state["wrong_units"][0] == self._wrong_units:
+            return
         self._wrong_units = int(self.state["wrong_units"][0])
         source = self.state["sources"][0][int(self.state["wrong_unit_of"][0])]
         is_fast = source["unit"] == steps.TOO_FAST

@@ -88,7 +88,6 @@ class BaseLink(ABC):
         self.statistics = Statistics()
         self.source: Hashable = None
         self.bytes_per_s: float | None = None
-        self._trusted = False
         self._clock = clock
         self._state = LinkState.WAITING
         self._closed = False
@@ -114,9 +113,8 @@ class BaseLink(ABC):
         """What to wait on for the next bytes; empty where only `receive` can tell."""
         return []
 
-    def trust(self) -> None:
+    def trust(self) -> None:  # noqa: B027
         """A link with one peer always trusts it."""
-        self._trusted = True
 
     def close(self) -> None:
         if not self._closed:

@@ -83,6 +83,11 @@ class Decoder:
         self._suspect_size = 0
         self._suspect_left = 0
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing is kept of what was fed."""
+        return not self._rest and self._suspect is None
+
     def put_back(self, most: int) -> int:
         """Forget the bytes that are kept because a frame is not complete, for the caller to take
         them again; how many. -1 when they are more than `most`, or belong to a damaged place."""

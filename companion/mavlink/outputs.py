@@ -84,7 +84,7 @@ class Outputs:
         self.params: Rows = rows(OUTPUT_PARAMS)
         self.params["mode"] = MODES[settings.altitude]
         self.params["period_us"] = round(1e6 / settings.altitude_hz)
-        self._heights: Rows = rows(ALTITUDE)
+        self.heights: Rows = rows(ALTITUDE)
         self._debug_slots = Schedule(settings.debug_hz)
         self.restart()
 
@@ -156,16 +156,22 @@ class Outputs:
 
     def altitude(self, now_us: int, health: Health, estimate: Rows) -> Message | None:
         """ALTITUDE, when one is due and may be sent."""
-        out, monotonic, leap = self._heights, self.monotonic.state, self.leap.state
+        out, monotonic, leap = self.heights, self.monotonic.state, self.leap.state
         args = (monotonic, leap, now_us, int(health), estimate, out)
         if not steps.altitude(self.state, self.params, *args):
             return None
-        return altitude_message(out[0])
+        return self.message()
+
+    def message(self) -> Message:
+        """ALTITUDE with the heights that the compiled rules left."""
+        return altitude_message(self.heights[0])
+
+    def is_debug_due(self, now_us: int) -> bool:
+        """Whether the DEBUG family is due."""
+        return self.settings.debug and now_us >= 0 and self._debug_slots.takes(now_us)
 
     def debug(self, now_us: int, health: Health, estimate: Rows, state: Rows) -> list[Message]:
-        """The DEBUG family, when due: in LOST only the health."""
-        if not self.settings.debug or now_us < 0 or not self._debug_slots.takes(now_us):
-            return []
+        """The DEBUG family: in LOST only the health."""
         qnh_hpa = math.nan
         altitude_m = float(estimate[0]["altitude_amsl_m"])
         if math.isfinite(self.monotonic.at(now_us)) and math.isfinite(altitude_m):

@@ -146,6 +146,15 @@ def enter(
 
 
 @step
+def copy_words(target: Rows, column: int, source: Rows, places: Rows) -> None:
+    """Copy the rows at `places` of `source`, int64 of shape (n, words), into those of `target` from
+    `column` on."""
+    for i in range(places.shape[0]):
+        for k in range(source.shape[1]):
+            target[i, column + k] = source[places[i], k]
+
+
+@step
 def take_in(
     items: Rows, readings: Rows, tables: Tables, s: Intaking, start: int, stop: int, count: int
 ) -> tuple[int, int]:

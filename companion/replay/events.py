@@ -107,14 +107,14 @@ class LinkQuality:
                 self.radio.append((int(index["time_us"][place]), radio))
         for number in np.flatnonzero(np.bincount(numbers)).tolist():
             sender = number // 256, number % 256
-            rows = index[numbers == number]
-            sequence = np.asarray(rows["sequence"], np.int64)
+            where = np.flatnonzero(numbers == number)
+            sequence = index["sequence"][where].astype(np.int64)
             before = self._sequence.get(sender, int(sequence[0]) - 1)
             gaps = np.diff(sequence, prepend=before) - 1
             gaps %= 256
             gaps[gaps >= LATEST] = 0
             self._sequence[sender] = int(sequence[-1])
-            seconds, places = in_seconds(np.asarray(rows["time_us"]))
+            seconds, places = in_seconds(index["time_us"][where])
             frames, lost = np.bincount(places), np.bincount(places, gaps)
             counts = self._seconds.setdefault(sender, {})
             for second, count, missing in zip(seconds, frames.tolist(), lost.tolist(), strict=True):

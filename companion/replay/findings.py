@@ -158,14 +158,14 @@ def parting(recording: Recording, steady: Steady) -> dict[str, Any]:
     if known.sum() < 30:
         return {}
     us, apart_m, height_m = medians(gnss_us[known], (gnss_m - pressure_m)[known], pressure_m[known])
-    found = []
+    large = []
     for lag in range(1, int(PARTING_S / NODE_S) + 1):
         change_m = np.abs(apart_m[lag:] - apart_m[:-lag])
         climbed_m = np.abs(height_m[lag:] - height_m[:-lag])
         excess_m = change_m - COLUMN_SHARE * climbed_m
         excess_m[us[lag:] - us[:-lag] > 2.0 * PARTING_S * 1e6] = 0.0
-        found += [(value, at, at + lag) for at, value in enumerate(excess_m.tolist())]
-    large = [each for each in found if each[0] >= LEAST_PARTING_M]
+        where = np.flatnonzero(excess_m >= LEAST_PARTING_M).tolist()
+        large += [(float(excess_m[at]), at, at + lag) for at in where]
     if not large:
         return {}
     _, begin, _ = min(large, key=lambda each: (each[2], -each[1]))

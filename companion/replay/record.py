@@ -19,6 +19,7 @@ from companion.kernels.gnss import gnss_sd_m
 from companion.mavlink.codec import Message
 from companion.observer import Block
 from companion.pipeline import Pipeline
+from companion.replay.block_steps import copy_words
 from companion.replay.events import Events
 from companion.samples import DTYPES, ESTIMATE, HEIGHT, Kind, Rows, Suspicion, Verdict, readable
 
@@ -52,6 +53,10 @@ RECORD = np.dtype(
     align=True,
 )
 
+WORD = 8
+AT = RECORD.fields["estimate"][1] // WORD  # type: ignore[index]
+"""the place of the estimate in a RECORD, in words"""
+
 
 class Recording:
     """An observer that keeps the heights of a session. Rows grow by doubling."""
@@ -62,6 +67,8 @@ class Recording:
         self._count = 0
         self._chosen: dict[Kind, tuple[int, Rows]] = {}
         """kind -> number of rows, and those of the first sensor among them"""
+        self._tracks: dict[str, tuple[tuple[int, ...], tuple[Array, Array]]] = {}
+        """source -> how much was recorded, and its track"""
         self._heights: dict[bool, list[Rows]] = {True: [], False: []}
         """HEIGHT rows in pieces: of the truth, and of the autopilot"""
         self.published_count = 0
@@ -123,7 +130,7 @@ class Recording:
         ):
             self._note_armed(time_us, armed)
         if tables.airspeed.size:
-            self._airspeeds.append(np.array(tables.airspeed))
+            self._airspeeds.append(np.array(tables.airspeed[places[kinds == Kind.AIRSPEED]]))
         chosen = np.flatnonzero((kinds == Kind.PRESSURE) | (kinds == Kind.GNSS))
         is_gnss = kinds[chosen] == Kind.GNSS
         if not chosen.size:
@@ -135,7 +142,9 @@ class Recording:
         kept = self._grown(chosen.size)
         kept["now_us"], kept["kind"] = block.now_us[chosen], kinds[chosen]
         kept["verdict"], kept["health"] = block.verdicts[chosen], block.health[chosen]
-        kept["estimate"] = block.estimates[chosen]
+        words = block.estimates.dtype.itemsize // WORD
+        estimates = np.asarray(block.estimates).view(np.int64).reshape(-1, words)
+        copy_words(np.asarray(kept).view(np.int64).reshape(chosen.size, -1), AT, estimates, chosen)
         _fill_pressures(kept, ~is_gnss, tables.pressure[places[chosen[~is_gnss]]])
         _fill_fixes(kept, is_gnss, tables.gnss[places[chosen[is_gnss]]])
 
@@ -199,6 +208,7 @@ class Recording:
     def release(self) -> None:
         """Give back the memory of what can be made again from the rows."""
         self._chosen.clear()
+        self._tracks.clear()
 
     def ticks(self) -> Rows:
         """Rows at which the altitude is judged: the first barometer's, else the receiver's."""
@@ -225,6 +235,12 @@ class Recording:
     def track(self, source: str) -> tuple[Array, Array]:
         """(time_us, altitude_m), shape (n,) each, of "estimate", "published" (the estimate where it
         was not lost), "baro", "gnss", "autopilot" or "truth"; unknown altitudes are left out."""
+        size = self._count, *map(len, self._heights.values())
+        if source not in self._tracks or self._tracks[source][0] != size:
+            self._tracks[source] = size, self._track(source)
+        return self._tracks[source][1]
+
+    def _track(self, source: str) -> tuple[Array, Array]:
         if source in ("estimate", "published"):
             ticks = self.ticks()
             rows = ticks["estimate"]

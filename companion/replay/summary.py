@@ -170,27 +170,28 @@ def _samples(session: Session[Recording]) -> dict[str, dict[str, int]]:
 
 def _altitude(recording: Recording, ticks: Rows, start_us: float) -> dict[str, Any]:
     estimate = ticks["estimate"]
-    known = np.isfinite(np.asarray(estimate["altitude_amsl_m"]))
-    rows: Rows = estimate[known]
-    late = (np.asarray(ticks["time_us"]) >= start_us)[known]
-    settled: Rows = rows[late] if late.any() else rows
-    found: dict[str, Any] = {"estimates": int(known.sum()), "published": recording.published_count}
-    if not rows.size:
+    known = np.flatnonzero(np.isfinite(np.asarray(estimate["altitude_amsl_m"])))
+    found: dict[str, Any] = {"estimates": known.size, "published": recording.published_count}
+    if not known.size:
         return found
-    altitude_m, climb_mps = (np.asarray(rows[n]) for n in ("altitude_amsl_m", "climb_mps"))
+    late = known[np.asarray(ticks["time_us"])[known] >= start_us]
+    settled, last = late if late.size else known, estimate[known[-1]]
+    altitude_m, climb_mps = (
+        np.asarray(estimate[name])[known] for name in ("altitude_amsl_m", "climb_mps")
+    )
     return found | {
         "first_m": altitude_m[0],
         "last_m": altitude_m[-1],
         "min_m": altitude_m.min(),
         "max_m": altitude_m.max(),
-        "median_sd_m": _median(settled["altitude_sd_m"]),
-        "median_level_m": _median(settled["protection_level_m"]),
+        "median_sd_m": _median(np.asarray(estimate["altitude_sd_m"])[settled]),
+        "median_level_m": _median(np.asarray(estimate["protection_level_m"])[settled]),
         "max_climb_mps": _extreme(climb_mps, np.nanmax),
         "max_sink_mps": _extreme(climb_mps, np.nanmin),
-        "above_takeoff_last_m": rows["height_above_takeoff_m"][-1],
-        "qnh_hpa": rows["qnh_pa"][-1] * 0.01,
-        "qnh_sd_hpa": rows["qnh_sd_pa"][-1] * 0.01,
-        "baro_offset_m": rows["baro_offset_m"][-1],
+        "above_takeoff_last_m": last["height_above_takeoff_m"],
+        "qnh_hpa": last["qnh_pa"] * 0.01,
+        "qnh_sd_hpa": last["qnh_sd_pa"] * 0.01,
+        "baro_offset_m": last["baro_offset_m"],
     }
 
 
@@ -249,13 +250,14 @@ def _sources(recording: Recording, reference: Reference, start_us: float) -> dic
         if differences is not None:
             found[name] = {"label": label, **differences.as_dict()}
     if "estimate" in found:
-        rows = recording.ticks()
-        estimate = rows["estimate"][np.isfinite(rows["estimate"]["altitude_amsl_m"])]
-        late = np.asarray(estimate["time_us"]) >= start_us
-        times_us = np.asarray(estimate["time_us"], np.float64)[late]
-        error_m = np.asarray(estimate["altitude_amsl_m"])[late] - reference.at(times_us)
+        rows = recording.ticks()["estimate"]
+        names = ("altitude_amsl_m", "time_us", "altitude_sd_m")
+        known = np.isfinite(np.asarray(rows["altitude_amsl_m"]))
+        known &= np.asarray(rows["time_us"]) >= start_us
+        altitude_m, times_us, sd_m = (np.asarray(rows[name])[known] for name in names)
+        error_m = altitude_m - reference.at(times_us.astype(np.float64))
         if reference.kind == "truth":
-            covered = coverage(error_m, np.asarray(estimate["altitude_sd_m"])[late])
+            covered = coverage(error_m, sd_m)
             found["estimate"] |= {"nees": covered.nees, "coverage_2": covered.within_2}
     return found
 

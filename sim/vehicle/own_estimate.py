@@ -83,10 +83,6 @@ class OwnEstimate:
         self._first_fix_us: int | None = None
         self._origin_offset_m: float | None = None
 
-    @property
-    def has_origin(self) -> bool:
-        return self._origin_offset_m is not None
-
     def on_pressure(self, sample: Pressure, raised_m: float = 0.0) -> None:
         """Critically damped alpha-beta filter of the ISA altitude: no lag in a steady climb.
 

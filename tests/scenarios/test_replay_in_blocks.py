@@ -9,6 +9,7 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from companion.errors import LogFormatError
@@ -65,6 +66,7 @@ def everything(session: Session[Any], kept: Recording) -> dict[str, Any]:
         "autopilot's": kept.heights(truth=False).tobytes(),
         "published": kept.published_count,
         "armed": kept.armed,
+        "measured": [np.asarray(each).tobytes() for each in vars(kept.measured()).values()],
         "unix": kept.unix_offset_us,
         "rates": Counter(kept.rates),
         "texts": kept.events.texts,

@@ -62,7 +62,6 @@ def test_exceedances_of_an_hour() -> None:
     assert found is not None
     assert (found.hours, found.exceedances, found.median_level_m) == (1.0, 3, 10.0)
     assert found.exceeded_share == pytest.approx(5 / 3601)
-    assert found.interval_per_h == pytest.approx((0.6187, 8.7673), abs=1e-4)
 
 
 def test_gaps_are_no_time() -> None:

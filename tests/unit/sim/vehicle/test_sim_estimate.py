@@ -99,7 +99,6 @@ def test_a_restart_begins_anew() -> None:
     time_us = climbed(estimate, 300.0, 0.0, ORIGIN_DELAY_S + 20.0)
     estimate.restart()
     assert estimate.position(time_us) is None
-    assert not estimate.has_origin
 
 
 def test_a_qnh_raises_the_altitude_by_eight_metres_a_hectopascal() -> None:
@@ -114,7 +113,6 @@ def test_there_is_no_position_before_the_origin_and_no_origin_without_a_fix() ->
         estimate.on_pressure(Pressure(time_us, 95_000.0, 290.0))
         assert not estimate.on_fix(fix(time_us, 0.0, fix_type=1))
     assert estimate.position(60_000_000) is None
-    assert not estimate.has_origin
 
 
 def test_the_position_is_carried_on_between_fixes() -> None:

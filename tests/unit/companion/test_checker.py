@@ -315,7 +315,7 @@ def test_a_slide_in_a_climb_is_no_reason_to_restart_who_doubts_it() -> None:
     published 59 m of error."""
     for rate_mps, restarts in ((0.3, False), (0.0, True)):
         asked = False
-        for now_us, checker in slid_in_a_climb(lambda s, v=rate_mps: v * max(0.0, s - 100.0)):
+        for now_us, checker in slid_in_a_climb(ramp(100.0, rate_mps)):
             asked |= checker.asks_restart(now_us, supported=now_us < 170_000_000)
         assert asked is restarts
 

@@ -65,6 +65,9 @@ UNSEEN_M = 1.0
 DEFENDED_SD_M, KNOWN_AGAIN_M = 30.0, 10.0
 """A height without GNSS that is worse is of no use; the offset of a barometer that was wrong is
 known again when the height is."""
+LEARNED = 1.0 + 1e-6
+"""A hypothesis that is more probable than its prior by this factor has learned since it was
+supposed. Where nothing was learned both are equal, but for rounding."""
 LONGEST_ONSET_S = 10.0
 """A fault that shows after a longer silence may have begun at any time within it."""
 
@@ -132,7 +135,7 @@ def suppose_motion(bank: Record, p: Record, is_blind: bool, elapsed_s: float) ->
     rate_per_h = p.manoeuvre_rate_per_h if is_blind else p.fault_rate_per_h
     prior = rate_per_h * PER_H * elapsed_s
     slot = MO
-    if bank.weight[MO] <= bank.weight[top] * prior:  # else it has learned since it was supposed
+    if bank.weight[MO] < LEARNED * bank.weight[top] * prior:
         slot = suppose(bank, top, MO, BO, prior, True)
         if slot >= 0:
             bank.P[slot, CLIMB, CLIMB] += p.manoeuvre_mps * p.manoeuvre_mps
@@ -161,7 +164,6 @@ def divide_anew(bank: Record, i: int, m2: float) -> None:
     bank.P[i, HEIGHT, HEIGHT] += m2
     bank.P[i, OFFSET, OFFSET] += m2
     bank.P[i, HEIGHT, OFFSET] -= m2
-    bank.P[i, OFFSET, HEIGHT] -= m2
 
 
 @step
@@ -381,7 +383,7 @@ def add_moment(bank: Record, p: Record, i: int, j: int, share: float) -> None:
     x, P, mixed, cov = bank.x[i], bank.P[i], bank.mixed_x[j], bank.mixed_P[j]
     from_fault = baro_is_wrong(i)
     for k in range(SIZE):
-        for m in range(SIZE):
+        for m in range(k, SIZE):
             if from_fault and RATE in (k, m):
                 continue
             cov[k, m] += share * (P[k, m] + (x[k] - mixed[k]) * (x[m] - mixed[m]))

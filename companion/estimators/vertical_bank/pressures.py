@@ -101,24 +101,30 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         note_run(s.baro, mean(s.bank, CLIMB))
         hear_height(state, params, time_us, sample[0].pressure_pa, height_m, silent_us)
     if not is_repeat or rests(s.baro, time_us, s.bank.path_m, mean(s.bank, CLIMB)):
-        elapsed_s, noise = silent_us * 1e-6, noise_m2(s.baro, p)
-        R = noise + timing_m2(p.timing_sd_s, s.bank.climb_mps, elapsed_s)
-        alone = noise + timing_m2(p.timing_sd_s, s.bank.climb_mps, JITTER_S)
-        sees_barometer(
-            s.bank.H, s.baro, lag_climb_mps(s.bank.slope_mps, mean(s.bank, CLIMB)), late_s
-        )
-        watched = p.integrity == 1 and s.gnss.seen == 1
-        leapt = leaps(s.bank, s.baro.height_m, alone)
-        if leapt:
-            s.baro.smooth_m = smooth_of_slope(s.bank.slope_mps, s.baro.height_m)
-        if watched and (leapt or surprises(s.bank, s.baro.height_m, R, SURPRISE_SIGMA)):
-            blind = is_blind(state, elapsed_s)
-            on_baro_surprise(s.bank, p, blind, elapsed_s, s.baro.height_m, R)
-        temper = p.tempering_ratio * min(1.0, elapsed_s / BARO_INTERVAL_S)
-        kind = EXPLAINED if watched else SOFT
-        fuse_doubtful(s.bank, s.baro.height_m, R, alone, temper, kind)
+        fuse_height(state, params, silent_us * 1e-6, late_s)
     conclude(state, params, estimate)
     return tally(state, PRESSURE, GATED if is_named(s.named, BAROMETER) else USED)
+
+
+@step
+def fuse_height(state: Rows, params: Rows, elapsed_s: float, late_s: float) -> None:
+    """The newest height, `late_s` old and `elapsed_s` after the one before: suppose what would
+    explain it, fuse."""
+    s, p = state[0], params[0]
+    noise = noise_m2(s.baro, p)
+    R = noise + timing_m2(p.timing_sd_s, s.bank.climb_mps, elapsed_s)
+    alone = noise + timing_m2(p.timing_sd_s, s.bank.climb_mps, JITTER_S)
+    sees_barometer(s.bank.H, s.baro, lag_climb_mps(s.bank.slope_mps, mean(s.bank, CLIMB)), late_s)
+    watched = p.integrity == 1 and s.gnss.seen == 1
+    leapt = leaps(s.bank, s.baro.height_m, alone)
+    if leapt:
+        s.baro.smooth_m = smooth_of_slope(s.bank.slope_mps, s.baro.height_m)
+    if watched and (leapt or surprises(s.bank, s.baro.height_m, R, SURPRISE_SIGMA)):
+        blind = is_blind(state, elapsed_s)
+        on_baro_surprise(s.bank, p, blind, elapsed_s, s.baro.height_m, R)
+    temper = p.tempering_ratio * min(1.0, elapsed_s / BARO_INTERVAL_S)
+    kind = EXPLAINED if watched else SOFT
+    fuse_doubtful(s.bank, s.baro.height_m, R, alone, temper, kind)
 
 
 @step

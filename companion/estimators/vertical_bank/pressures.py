@@ -69,7 +69,7 @@ BARO_INTERVAL_S = 0.1
 @step
 def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     """A barometer height: place, predict, suppose, fuse, let hypotheses change, publish."""
-    s, p, instance, time_us = state[0], params[0], sample[0].instance, sample[0].time_us
+    s, instance, time_us = state[0], sample[0].instance, sample[0].time_us
     verdict = judge_pressure(state, sample, LOWEST_PA, HIGHEST_PA)
     if verdict != USED:
         return tally(state, PRESSURE, verdict)

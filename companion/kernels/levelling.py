@@ -84,6 +84,7 @@ LEVELLING = np.dtype(
         ("bearing_b", "f8", (3,)),  # direction of the newest sample's support
         ("fix_us", "i8"),  # GNSS: newest fix with a speed, -1 none
         ("speed_mps", "f8"),
+        ("course_rad", "f8"),
         ("north_mps", "f8"),  # velocity over ground, smoothed
         ("east_mps", "f8"),
         ("smoothed", "f8"),  # share of the slope that the smoothing has taken up since it began
@@ -101,6 +102,7 @@ def levelling_start(level: Record) -> None:
     """Nothing known."""
     level.fix_us = -1
     level.speed_mps = math.nan
+    level.course_rad = math.nan
     level.north_mps, level.east_mps, level.smoothed = math.nan, math.nan, 0.0
     level.along_mps2 = math.nan
     level.across_mps2 = math.nan
@@ -160,7 +162,7 @@ def ground_acceleration(level: Record, fix: Rows) -> None:
     else:
         level.north_mps, level.east_mps, level.smoothed = north, east, 0.0
     level.fix_us = fix[0].time_us
-    level.speed_mps = speed
+    level.speed_mps, level.course_rad = speed, course
 
 
 @step

@@ -134,7 +134,7 @@ def hear_fix(state: Rows, params: Rows, sample: Rows, fix_m: float, late_s: floa
             else:
                 on_gnss_surprise(s.bank, p, blind, elapsed_s)
     s.gnss.seen, s.gnss.used_us = 1, s.bank.now_us
-    fuse(s.bank, fix_m, R, p.gnss_tempering_ratio * min(1.0, elapsed_s / FIX_INTERVAL_S), 0)
+    fuse(s.bank, fix_m, R, p.tempering_ratio * min(1.0, elapsed_s / FIX_INTERVAL_S), 0)
     if fix_type > PLAIN and fault_probability(s.bank, GNSS_HEIGHT) > DISCREDIT_PROBABILITY:
         wrong = heaviest_accuser(s.bank)
         if discredit(s.gnss, p, fix_type, s.bank.x[wrong, GNSS_BIAS], s.bank.now_us):

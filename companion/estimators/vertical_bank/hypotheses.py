@@ -3,7 +3,7 @@
 ===================  ========================================  ===========  ======================
 mode (slots)         begins                                    rate         ends
 ===================  ========================================  ===========  ======================
-weather (3)          from the start                            1 in 1 h     never
+weather (3)          from the start                            1 in 20 min  never
 GNSS wrong (4)       a fix surprises: g unknown (jump);        .1 /h        a jump by a jump only,
                      every 10 s: g slides                      .03 /h       a slide in minutes
 barometer wrong (3)  a height surprises: o unknown (jump);     .1 /h        in 20 s, o is kept

@@ -5,10 +5,10 @@ barometer wrong, `MO` IMU wrong or an unseen manoeuvre, `BO` barometer and GNSS 
 returned), a kind of weather, a channel and a probability. A probability of 0 is an empty slot.
 `hypotheses` says how they begin and end; here they are propagated, corrected, and read.
 
-Measurements move the probabilities by their likelihood, tempered: ln w += `tempering_ratio` ln L
-(`gnss_tempering_ratio` for a fix), as the errors of real sensors are correlated for longer than the
-channel knows, and untempered likelihoods prove nonsense. Means and variances are computed when they
-are read: there is none that could be out of date.
+Measurements move the probabilities by their likelihood, tempered: ln w += `tempering_ratio` ln L,
+as the errors of real sensors are correlated for longer than the channel knows, and untempered
+likelihoods prove nonsense. Means and variances are computed when they are read: there is none that
+could be out of date.
 """
 
 import math

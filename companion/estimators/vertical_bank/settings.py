@@ -40,10 +40,9 @@ class VerticalBankSettings(EstimatorSettings):
     offset_walk_m_rts: float = Field(0.05, ge=0, le=10)
     """random walk of the barometer's slow error: 3 m in an hour, half of it the slope of pressure
     en route (4 m per 100 km)"""
-    rate_sd_mps: tuple[Spread, Spread, Spread] = (0.002, 0.03, 0.25)
+    rate_sd_mps: tuple[Spread, Spread, Spread] = (0.003, 0.03, 0.25)
     """standard deviation of the drift rate of the barometer's error in calm, fair and stormy
-    weather (a year of METARs has 4.7 m/h sd, 31 m/h at most; en route in calm weather the slope of
-    pressure, 4 m per 100 km, is as much again; a jump line moves 25 m in minutes)"""
+    weather (a year of METARs has 4.7 m/h sd, 31 m/h at most; a jump line 25 m in minutes)"""
     rate_time_s: tuple[Positive, Positive, Positive] = (1800.0, 600.0, 600.0)
     """correlation time of the drift rate in each weather"""
     measured_rate_sd_mps: tuple[Spread, Spread, Spread] = (0.002, 0.009, 0.03)
@@ -53,9 +52,8 @@ class VerticalBankSettings(EstimatorSettings):
     other"""
     weather_prior: tuple[Share, Share, Share] = (0.94, 0.05, 0.01)
     """share of time with calm, fair and stormy weather"""
-    switching_s: float = Field(3600.0, gt=0, le=1e6)
-    """mean time for which the weather stays of one kind (10-30 h at a station, by a hidden Markov
-    model of a year of METARs; a flight leaves it sooner)"""
+    switching_s: float = Field(1200.0, gt=0, le=1e6)
+    """mean time for which the weather stays of one kind"""
     fast_sd_m: float = Field(1.5, ge=0, le=100)
     """standard deviation of the barometer's fast error: gusts over the static port, sensor
     wander"""
@@ -108,11 +106,8 @@ class VerticalBankSettings(EstimatorSettings):
     """standard deviation of a GNSS climb: more than its noise, as its errors last for seconds"""
 
     tempering_ratio: float = Field(0.3, gt=0, le=1)
-    """share of a barometer height's log-likelihood that updates the mode probabilities: gusts and
-    manoeuvres disturb it for seconds"""
-    gnss_tempering_ratio: float = Field(0.6, gt=0, le=1)
-    """share of a fix's log-likelihood that updates the mode probabilities: its slow error is a
-    state, so less of it is correlated (chosen on simulated weather)"""
+    """share of a measurement's log-likelihood that updates the mode probabilities: real errors are
+    correlated"""
     fault_rate_per_h: float = Field(0.1, gt=0, le=100)
     """rate of sudden faults of a sensor (several per ten flight hours in public logs)"""
     slide_rate_per_h: float = Field(0.03, gt=0, le=100)

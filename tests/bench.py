@@ -249,11 +249,14 @@ def round_trips(port: int, answer: Callable[[bytes], bool], count: int = 1500) -
             sent_s = time.perf_counter()
             udp.send(data)
             try:
-                while not answer(udp.recv(2048)):
-                    pass
+                is_answer = False
+                while not is_answer:
+                    received = udp.recv(2048)
+                    received_s = time.perf_counter()
+                    is_answer = answer(received)
             except TimeoutError:
                 continue  # before the first altitude there is no answer
-            taken.append(1e3 * (time.perf_counter() - sent_s))
+            taken.append(1e3 * (received_s - sent_s))
     return taken[len(taken) // 10 :]
 
 

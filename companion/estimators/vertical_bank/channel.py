@@ -25,7 +25,8 @@ The atmosphere's scale enters by a known regressor: when the smoothed barometer 
 dz, o += s dz. A product of two estimated states would feed the errors of both to the offset.
 
 The transition is a product of elementary ones, x_i += c x_j, so that the covariance follows by
-`shear`, F P F' without a matrix product.
+`shear`, F P F' without a matrix product. P is symmetric: its upper triangle is kept, the entries
+P[i, j] with i <= j, and what is below has no meaning.
 
 A measurement of an instant `late_s` ago measures the height of then: with the inertial displacement
 known,
@@ -61,18 +62,19 @@ UNKNOWN_M2 = 1e8
 @step
 def shear(P: Array, i: int, j: int, c: float) -> None:
     """Covariance after x_i += c x_j."""
+    P[i, i] += c * P[min(i, j), max(i, j)]
     for k in range(SIZE):
-        P[i, k] += c * P[j, k]
-    for k in range(SIZE):
-        P[k, i] += c * P[k, j]
+        if k != i:
+            P[min(i, k), max(i, k)] += c * P[min(j, k), max(j, k)]
+    P[i, i] += c * P[min(i, j), max(i, j)]
 
 
 @step
 def shrink(P: Array, i: int, keep: float) -> None:
     """Covariance after x_i *= keep."""
     for k in range(SIZE):
-        P[i, k] *= keep
-        P[k, i] *= keep
+        P[min(i, k), max(i, k)] *= keep
+    P[i, i] *= keep
 
 
 @step
@@ -101,7 +103,6 @@ def move(x: Array, P: Array, dt_s: float, dv: float, dh: float, psd: float) -> f
     P[CLIMB, CLIMB] += psd * dt_s
     P[HEIGHT, HEIGHT] += psd * dt_s * dt_s * dt_s / 3.0
     P[HEIGHT, CLIMB] += psd * half
-    P[CLIMB, HEIGHT] += psd * half
     return moved
 
 
@@ -153,22 +154,19 @@ def gather(P: Array, H: Array, K: Array) -> float:
     for j in range(SIZE):
         if H[j] != 0.0:
             for i in range(SIZE):
-                K[i] += H[j] * P[j, i]
+                K[i] += H[j] * P[min(i, j), max(i, j)]
     return dot(H, K)
 
 
 @step
 def absorb(x: Array, P: Array, K: Array, innovation: float, S: float) -> None:
-    """Fuse an innovation of variance S; `K` holds P H' as `gather` left it, and the gain
-    afterwards."""
+    """Fuse an innovation of variance S; `K` holds P H' as `gather` left it."""
+    weight = 1.0 / S
     for i in range(SIZE):
-        K[i] /= S
-        x[i] += K[i] * innovation
-    for i in range(SIZE):
-        gained = K[i] * S
+        gain = K[i] * weight
+        x[i] += gain * innovation
         for j in range(i, SIZE):
-            P[i, j] -= gained * K[j]
-            P[j, i] = P[i, j]
+            P[i, j] -= gain * K[j]
 
 
 @step
@@ -185,8 +183,7 @@ def begin(x: Array, P: Array) -> None:
 def replace(x: Array, P: Array, i: int, value: float, variance: float) -> None:
     """State i is known anew, independent of everything else."""
     for k in range(SIZE):
-        P[i, k] = 0.0
-        P[k, i] = 0.0
+        P[min(i, k), max(i, k)] = 0.0
     x[i], P[i, i] = value, variance
 
 
@@ -197,7 +194,6 @@ def expect_baro(x: Array, P: Array, baro_m: float, offset_var: float, scale_var:
     replace(x, P, SCALE, 0.0, scale_var)
     replace(x, P, OFFSET, 0.0, offset_var + scale_var * baro_m * baro_m)
     P[OFFSET, SCALE] = scale_var * baro_m
-    P[SCALE, OFFSET] = scale_var * baro_m
 
 
 @step
@@ -205,9 +201,7 @@ def clone(x: Array, P: Array, i: int, j: int) -> None:
     """State i becomes a copy of state j."""
     x[i] = x[j]
     for k in range(SIZE):
-        P[i, k] = P[j, k]
-    for k in range(SIZE):
-        P[k, i] = P[k, j]
+        P[min(i, k), max(i, k)] = P[min(j, k), max(j, k)]
     P[i, i] = P[j, j]
 
 
@@ -216,5 +210,5 @@ def duplicate(x: Array, P: Array, from_x: Array, from_P: Array) -> None:
     """x, P become those of another channel."""
     for i in range(SIZE):
         x[i] = from_x[i]
-        for j in range(SIZE):
+        for j in range(i, SIZE):
             P[i, j] = from_P[i, j]

@@ -33,7 +33,9 @@ from companion.estimators.vertical_bank.channel import (
     OFFSET,
     RATE,
     SIZE,
+    dot,
     duplicate,
+    gather,
     replace,
 )
 from companion.estimators.vertical_bank.mixture import (
@@ -63,6 +65,9 @@ UNSEEN_M = 1.0
 DEFENDED_SD_M, KNOWN_AGAIN_M = 30.0, 10.0
 """A height without GNSS that is worse is of no use; the offset of a barometer that was wrong is
 known again when the height is."""
+LEARNED = 1.0 + 1e-6
+"""A hypothesis that is more probable than its prior by this factor has learned since it was
+supposed. Where nothing was learned both are equal, but for rounding."""
 LONGEST_ONSET_S = 10.0
 """A fault that shows after a longer silence may have begun at any time within it."""
 
@@ -130,7 +135,7 @@ def suppose_motion(bank: Record, p: Record, is_blind: bool, elapsed_s: float) ->
     rate_per_h = p.manoeuvre_rate_per_h if is_blind else p.fault_rate_per_h
     prior = rate_per_h * PER_H * elapsed_s
     slot = MO
-    if bank.weight[MO] <= bank.weight[top] * prior:  # else it has learned since it was supposed
+    if bank.weight[MO] < LEARNED * bank.weight[top] * prior:
         slot = suppose(bank, top, MO, BO, prior, True)
         if slot >= 0:
             bank.P[slot, CLIMB, CLIMB] += p.manoeuvre_mps * p.manoeuvre_mps
@@ -159,7 +164,6 @@ def divide_anew(bank: Record, i: int, m2: float) -> None:
     bank.P[i, HEIGHT, HEIGHT] += m2
     bank.P[i, OFFSET, OFFSET] += m2
     bank.P[i, HEIGHT, OFFSET] -= m2
-    bank.P[i, OFFSET, HEIGHT] -= m2
 
 
 @step
@@ -189,13 +193,32 @@ def on_gnss_surprise(bank: Record, p: Record, is_blind: bool, elapsed_s: float) 
 
 
 @step
-def on_baro_surprise(bank: Record, p: Record, is_blind: bool, elapsed_s: float) -> None:
-    """What may be behind a barometer height that the most probable hypothesis does not explain."""
+def explains(bank: Record, first: int, end: int, least: float, z: float, R: float) -> bool:
+    """Whether a hypothesis of slots [first, end) of at least this probability expected z."""
+    for i in range(first, end):
+        if bank.weight[i] < least or bank.weight[i] == 0.0:
+            continue
+        innovation = z - dot(bank.H, bank.x[i])
+        S = R + gather(bank.P[i], bank.H, bank.K)
+        if innovation * innovation <= SURPRISE_SIGMA * SURPRISE_SIGMA * S:
+            return True
+    return False
+
+
+@step
+def on_baro_surprise(
+    bank: Record, p: Record, is_blind: bool, elapsed_s: float, z: float, R: float
+) -> None:
+    """What may be behind a barometer height z = H x + white of variance R, NaN for a repeat, that
+    the most probable hypothesis does not explain. A fault that was supposed before and does is not
+    given up for one that begins now."""
     top = heaviest(bank, 0, N)
     elapsed_s = min(elapsed_s, LONGEST_ONSET_S)
     rate_per_h = p.rejump_rate_per_h if baro_is_wrong(top) else p.fault_rate_per_h
     prior = rate_per_h * PER_H * elapsed_s
-    suppose_baro_fault(bank, p.baro_jump_m, 3.0 * p.baro_fault_rate_mps, prior, True)
+    first, end = (BO, RE) if gnss_is_wrong(top) else (BA, MO)
+    if not explains(bank, first, end, prior * bank.weight[top], z, R):
+        suppose_baro_fault(bank, p.baro_jump_m, 3.0 * p.baro_fault_rate_mps, prior, True)
     suppose_motion(bank, p, is_blind, elapsed_s)
 
 
@@ -360,7 +383,7 @@ def add_moment(bank: Record, p: Record, i: int, j: int, share: float) -> None:
     x, P, mixed, cov = bank.x[i], bank.P[i], bank.mixed_x[j], bank.mixed_P[j]
     from_fault = baro_is_wrong(i)
     for k in range(SIZE):
-        for m in range(SIZE):
+        for m in range(k, SIZE):
             if from_fault and RATE in (k, m):
                 continue
             cov[k, m] += share * (P[k, m] + (x[k] - mixed[k]) * (x[m] - mixed[m]))

@@ -150,6 +150,13 @@ _GOALS = (
         "real-cost", "real", "real flights at 50 Hz: cost of the compiled loop", "<= 4 us a sample"
     ),
     Goal(
+        "real-presets",
+        "real",
+        "simulated flights with the barometer presets of real aircraft: RMSE / raw GNSS, less "
+        "that of the real flights, without IMU",
+        "within .1",
+    ),
+    Goal(
         "real-rtk",
         "real",
         "recorded RTK receiver: RMSE / that of the receiver; RMSE / spread; level",

@@ -76,6 +76,14 @@ def test_the_example_of_the_docs_is_an_estimator_by_its_entry_point(
     result = json.loads(done.stdout)["sessions"][0]["results"][0]
     assert result["label"] == "mean-offset"
     assert result["rmse_m"] < 5.0
+    done_wrong = python(
+        *("-m", "companion.cli", "compare", log, "--estimator", "mean-offset"),
+        *("--expect", "max<0.001", "--junit", tmp_path / "out.xml"),
+        path=tmp_path,
+    )
+    assert done_wrong.returncode == 3
+    assert "mean-offset: max<0.001 NOT met" in done_wrong.stderr
+    assert 'failures="1"' in (tmp_path / "out.xml").read_text()
     assert "broken:METHOD cannot be loaded: no such sensor" in done.stderr
 
 

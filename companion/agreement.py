@@ -255,7 +255,7 @@ def _is_back(a: Rows, time_us: int) -> bool:
     gap_m = abs(a[0].gap_m)
     if not a[0].agree and gap_m > limit_m(a) - by_height_m(a[0].agreed, a[0].baro_m):
         return False
-    if a[0].excluded == NONE or gap_m <= SIGMAS * a[0].sd_m:
+    if a[0].excluded == NONE or gap_m <= min(SIGMAS * a[0].sd_m, 0.5 * a[0].jump_m):
         return gap_m <= limit_m(a)
     largest_m = -1.0
     for back in range(a[0].pairs_count):

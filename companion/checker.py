@@ -4,9 +4,9 @@ It shares nothing with an estimator. An altitude is supported near the barometer
 (`companion.agreement`) while the two agree; near the other one while one of them is excluded, or
 near either once a receiver that jumped has stayed where it went; by none once they are 25 m apart
 and the faulty one is not known. An altitude that is not supported is not published. An estimator
-that was supported, and is not for 10 s while the sensors agree within 10 m, is restarted: once,
-until it was supported for 10 s again. One that doubts a sensor which slides away must not be: it
-would forget the doubt and follow.
+that was supported, and is not for 10 s while the sensors agree within 10 m, and differ by what they
+did while it was supported, is restarted: once, until it was supported for 10 s again. One that
+doubts a sensor which slides away must not be: it would forget the doubt and follow.
 
 It fails when both sensors are wrong alike, or when the barometer shifts while there is no GNSS.
 """
@@ -37,6 +37,9 @@ LIMIT_M = 25.0
 """Largest distance of a supported altitude from a sensor: an error of 50 m must not be published,
 less 15 m of unobserved drift and 10 m of GNSS error."""
 RESTART_US = 10_000_000
+USUAL_S = 300.0
+"""A difference of the two heights that lasts for as long is the usual one: longer than the slow
+error of a receiver (250 s)."""
 NEVER_US = -(1 << 62)
 
 NO_OBJECTION, APART, CONTRADICTS, ELLIPSOID = 0, 1, 2, 3
@@ -54,6 +57,8 @@ CHECKER = np.dtype(
         ("is_armed", "i8"),  # -1 unknown
         ("supported_us", "i8"),  # NEVER_US: not supported now
         ("unsupported_us", "i8"),
+        ("usual_us", "i8"),  # newest compared; NEVER_US: none
+        ("usual_m", "f8"),  # difference of the two heights over `USUAL_S` of support
     ],
     align=True,
 )
@@ -75,7 +80,8 @@ class Checker:
         """Forget everything: the vehicle started anew."""
         self.sensors = Agreement()
         self.state["is_armed"] = -1
-        self.state["supported_us"] = self.state["unsupported_us"] = NEVER_US
+        for name in ("supported_us", "unsupported_us", "usual_us"):
+            self.state[name] = NEVER_US
 
     def sample(self, kind: Kind, row: Rows) -> None:
         """Follow a sample, shape (1,)."""
@@ -131,13 +137,14 @@ def asks_restart(c: Rows, a: Rows, now_us: int, supported: bool) -> bool:
     """Whether to restart the estimator now; `c` is a CHECKER row, `a` an AGREEMENT row."""
     if supported:
         c[0].unsupported_us = NEVER_US
+        _follow_usual(c, a, now_us)
         if c[0].supported_us == NEVER_US:
             c[0].supported_us = now_us
         if c[0].is_armed < 0 or now_us - c[0].supported_us >= RESTART_US:
             c[0].is_armed = 1
         return False
     c[0].supported_us = NEVER_US
-    is_close = a[0].agree and abs(a[0].gap_m) <= LEVEL_M
+    is_close = a[0].agree and abs(a[0].gap_m) <= LEVEL_M and _is_usual(c, a)
     if not is_close or now_us - a[0].gnss_us > FRESH_US:
         c[0].unsupported_us = NEVER_US
     elif c[0].unsupported_us == NEVER_US:
@@ -147,3 +154,25 @@ def asks_restart(c: Rows, a: Rows, now_us: int, supported: bool) -> bool:
         c[0].restarts += 1
         return True
     return False
+
+
+@step
+def _follow_usual(c: Rows, a: Rows, now_us: int) -> None:
+    """The difference of the two heights over the last minutes in which the estimator was
+    supported."""
+    difference_m = a[0].gnss_m - a[0].baro_m
+    if now_us - a[0].gnss_us > FRESH_US or not math.isfinite(difference_m):
+        return
+    if c[0].usual_us == NEVER_US:
+        c[0].usual_us, c[0].usual_m = now_us, difference_m
+    share = min(1.0, max(0, now_us - c[0].usual_us) * 1e-6 / USUAL_S)
+    c[0].usual_us = now_us
+    c[0].usual_m += share * (difference_m - c[0].usual_m)
+
+
+@step
+def _is_usual(c: Rows, a: Rows) -> bool:
+    """Whether the two heights differ by what they did while the estimator was supported: else its
+    doubt has a reason, however slowly that came."""
+    away_m = a[0].gnss_m - a[0].baro_m - c[0].usual_m
+    return c[0].usual_us == NEVER_US or abs(away_m) <= LEVEL_M

@@ -13,6 +13,7 @@ DOCTOR_EXAMPLES = """\b
 Examples:
   kollsman doctor /dev/ttyAMA0:57600
   kollsman doctor udpin:0.0.0.0:14550 --seconds 30
+  kollsman doctor /dev/ttyAMA0:57600 --config companion.yaml
 """
 
 
@@ -38,12 +39,14 @@ def doctor(
     from companion import doctor as examining
     from companion.clock import SystemClock
     from companion.links import open_link
+    from companion.reference_link import open_reference
 
     clock, output = SystemClock(), Output()
     opened = open_link(link, clock)
     with ExitStack() as stack:
         stack.callback(opened.close)
-        case, findings = examining.examine(opened, settings, clock, seconds)
+        station = open_reference(settings.air, stack, clock)
+        case, findings = examining.examine(opened, settings, clock, seconds, station)
     if as_json:
         listed = [
             {"grade": each.grade.name.lower(), "what": each.what, "cure": each.cure}

@@ -8,6 +8,7 @@ All others are left to the pipeline, which gives the same for these bit for bit
 """
 
 import copy
+import operator
 from collections.abc import Hashable
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,7 @@ from companion.live_steps import (
     DUE,
     LEFT_OUT,
     LONGEST,
+    OF_AIR,
     OF_FAULTY,
     OF_KIND,
     OF_PRIMARY,
@@ -96,7 +98,7 @@ class _PlainPath:
         self.pipeline = pipeline
         self._owners = _owners(pipeline)
         self._autopilot = pipeline.identity.autopilot
-        self._scale = pipeline.readings.imu.scale(self._autopilot)
+        self._listeners, self._scale = len(pipeline.listeners), self._raw_imu_scale()
         vehicle = pipeline.identity.vehicle
         self._vehicle, (self._system_id, self._component_id) = vehicle, vehicle or (0, 0)
         intake, outputs, health = pipeline.intake, pipeline.outputs, pipeline.health
@@ -122,6 +124,7 @@ class _PlainPath:
             *(pressure, attitude),
             *(row.view(np.float64) for row in samples),
             *(row.view(np.int64) for row in samples),
+            pipeline.air.state,
         ]
         assert len(parts) == PARTS
         self._parts = Parts(parts)
@@ -139,8 +142,13 @@ class _PlainPath:
         return (
             identity.vehicle == self._vehicle
             and identity.autopilot == self._autopilot
-            and _owners(self.pipeline) == self._owners
+            and all(map(operator.is_, _owners(self.pipeline), self._owners))
+            and len(self.pipeline.listeners) == self._listeners
+            and (self._scale is not None or self._raw_imu_scale() is None)
         )
+
+    def _raw_imu_scale(self) -> float | None:
+        return self.pipeline.readings.imu.scale(self._autopilot)
 
     def take(self, data: bytes, host_us: int, source: Hashable) -> list[bytes] | None:
         """The frames to send because of `data`; None when the pipeline has to take it."""
@@ -161,7 +169,8 @@ class _PlainPath:
         if code & (TELLS | OF_PRIMARY):
             pipeline.intake.tell(kind if code & OF_PRIMARY else None)
         if became == SAMPLE:
-            return self._sample(kind, host_us)
+            tells_air = bool(code & OF_AIR) or pipeline.air.reference is not None
+            return self._sample(kind, host_us, tells_air=tells_air)
         if became == LEFT_OUT:
             pipeline.intake.counters[SampleReject.CLOCK] += 1
             return pipeline.age(host_us)
@@ -171,10 +180,10 @@ class _PlainPath:
             pipeline.verdicts[_IMU][_IGNORED] += 1
         return self._react(kind, NO_VERDICT, host_us)
 
-    def _sample(self, kind: Kind, host_us: int) -> list[bytes]:
+    def _sample(self, kind: Kind, host_us: int, *, tells_air: bool) -> list[bytes]:
         """Give the sample in the row of its kind to the estimator and to all who follow it."""
         pipeline, row = self.pipeline, self.pipeline.intake.newest(kind)
-        sent = pipeline.tell_air(kind, row) if kind is _PRESSURE else []
+        sent = pipeline.tell_air(kind, row) if tells_air else []
         pipeline.identity.measured(kind)
         verdict = pipeline.filter.step(kind, row)
         pipeline.count(kind, row, verdict)
@@ -209,6 +218,5 @@ def _owners(pipeline: "Pipeline") -> tuple[object, ...]:
         pipeline.health,
         pipeline.outputs,
         pipeline.filter,
-        pipeline.readings.imu.scale(pipeline.identity.autopilot),
-        len(pipeline.listeners),
+        pipeline.air,
     )

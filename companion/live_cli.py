@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from companion.clock import Clock
     from companion.interim import Interim
     from companion.links import Link
-    from companion.reference_link import ReferenceLink
     from companion.service import Service
     from companion.settings import CompanionSettings
     from companion.web.settings import HttpSettings
@@ -174,6 +173,7 @@ def _run(
     with ExitStack() as stack:
         from companion.checkpoint import Checkpoint, fingerprint
         from companion.recording import Recording
+        from companion.reference_link import open_reference
         from companion.restarts import serve
         from companion.service import Service
 
@@ -181,7 +181,7 @@ def _run(
         recorder = stack.enter_context(Recording(path, settings.record)) if path else None
         page = _live_page(settings.http, stack, telling)
         compile_for(settings, [settings.estimator], telling.starting)
-        reference = _reference_link(settings, stack, clock)
+        reference = open_reference(settings.air, stack, clock)
         keeper = Checkpoint(settings.checkpoint, [opened.url], fingerprint(settings))
         build = partial(
             Service,
@@ -210,20 +210,6 @@ def _run(
         stack.close()
         paths = [str(path) for path in recorder.paths] if recorder is not None else []
         telling.stopped(services[0].summary(), paths)
-
-
-def _reference_link(
-    settings: "CompanionSettings", stack: ExitStack, clock: "Clock"
-) -> "ReferenceLink | None":
-    """The open link to the ground barometer, where the settings name one."""
-    if settings.air.reference is None:
-        return None
-    from companion.links import open_link
-    from companion.reference_link import ReferenceLink
-
-    link = open_link(settings.air.reference, clock)
-    stack.callback(link.close)
-    return ReferenceLink(link, settings.air.reference_system_id)
 
 
 def _live_page(

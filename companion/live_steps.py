@@ -4,6 +4,8 @@ step and after it.
 They are those of `companion.pipeline` for the same message, in one call each.
 """
 
+import math
+
 import numpy as np
 
 from companion.agreement import AGREEMENT, follow_pressure
@@ -22,6 +24,7 @@ from companion.intake.receiver_steps import PRIMARY, RECEIVER, number, pressure_
 from companion.intake.row_steps import LARGEST_DOUBT_M
 from companion.intake.screen_steps import SCREEN, SCREEN_PARAMS, judge_pressure
 from companion.jit import step, viewed
+from companion.known_air import KNOWN
 from companion.mavlink import altitude_steps
 from companion.mavlink.altitude_steps import ALTITUDE, OUTPUT_PARAMS, OUTPUTS, altitude
 from companion.mavlink.continuity import LEAP, MONOTONIC
@@ -43,7 +46,7 @@ U1, U4, I8, F4, F8 = (np.dtype(name) for name in ("u1", "u4", "i8", "f4", "f8"))
  AT_CHOICE, AT_PRIMARY, AT_SCREEN, AT_SCREEN_PARAMS, AT_RECEIVER, AT_AGREEMENT, AT_CHECKER,
  AT_HEALTH, AT_HEALTH_PARAMS, AT_OUTPUTS, AT_OUTPUT_PARAMS, AT_MONOTONIC, AT_LEAP, AT_HEIGHTS,
  AT_ESTIMATE, AT_PRESSURE, AT_ATTITUDE, AT_IMU_VALUES, AT_PRESSURE_VALUES, AT_ATTITUDE_VALUES,
- AT_IMU_HEAD, AT_PRESSURE_HEAD, AT_ATTITUDE_HEAD, PARTS) = range(33)  # fmt: skip
+ AT_IMU_HEAD, AT_PRESSURE_HEAD, AT_ATTITUDE_HEAD, AT_AIR, PARTS) = range(34)  # fmt: skip
 """places of the arrays in `companion.jit.Parts`"""
 
 NOT_TAKEN = -1
@@ -51,9 +54,9 @@ NOT_TAKEN = -1
 SAMPLE, LEFT_OUT, REPLACED, UNUSED = 0, 1, 2, 3
 """what became of a message: a sample, one out of time, one that a better message replaces, one of
 an IMU that nobody reads; less than `TELLS`, which is added where something is to be logged"""
-TELLS, OF_PRIMARY, OF_KIND = 4, 8, 4
-"""`OF_PRIMARY` is added where another sensor is the primary one; the kind is in the bits from
-`OF_KIND` on"""
+TELLS, OF_PRIMARY, OF_AIR, OF_KIND = 4, 8, 16, 5
+"""`OF_PRIMARY` is added where another sensor is the primary one, `OF_AIR` where the user gives
+values of the air; the kind is in the bits from `OF_KIND` on"""
 
 ASSESSED, CHANGED, RESTARTS, DUE, SILENT, OF_FAULTY = 1, 2, 4, 8, 16, 8
 """what came of a sample: health was assessed, it changed, the estimator has to be restarted, an
@@ -125,6 +128,9 @@ def _fill(parts: Rows, plan: Rows, values: Rows, time_us: int, host_us: int) -> 
         judge_pressure(screen, viewed(parts, AT_SCREEN_PARAMS, SCREEN_PARAMS, 1), row)
         if screen[0].changes != changes:
             tells |= TELLS
+        air = viewed(parts, AT_AIR, KNOWN, 1)
+        if air[0].untold == 1 or math.isfinite(air[0].elevation_m):
+            tells |= OF_AIR
     return tells
 
 

@@ -98,6 +98,10 @@ class ReferenceBarometer:
         self._told_pa, self._told_us = value_pa, now_us
         return value_pa
 
+    def age_s(self, now_us: int) -> float:
+        """Age of its newest pressure, s; infinite before the first."""
+        return (now_us - self._heard_us) * 1e-6 if self._heard_us >= 0 else math.inf
+
     @property
     def problem(self) -> str:
         """What is wrong with it now, for the user; empty when nothing is."""

@@ -7,8 +7,11 @@ come. The link reconnects as any other.
 
 import logging
 from collections.abc import Callable
+from contextlib import ExitStack
 
-from companion.links import Link
+from companion.clock import Clock
+from companion.known_air import AirSettings
+from companion.links import Link, open_link
 from companion.mavlink.codec import Decoder, Encoder, Frame, Message, decode, mavlink
 from companion.mavlink.identity import OUR_COMPONENT_ID, is_autopilot
 
@@ -21,6 +24,15 @@ REQUEST_US, MISSED_US = 5_000_000, 3_000_000
 INTERVAL_US = 500_000
 MOST_READS = 32
 """datagrams of one turn, so that a flood does not delay the vehicle"""
+
+
+def open_reference(air: AirSettings, stack: ExitStack, clock: Clock) -> "ReferenceLink | None":
+    """The open link to the ground barometer, where the settings name one; `stack` closes it."""
+    if air.reference is None:
+        return None
+    link = open_link(air.reference, clock)
+    stack.callback(link.close)
+    return ReferenceLink(link, air.reference_system_id)
 
 
 class ReferenceLink:

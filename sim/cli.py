@@ -87,6 +87,13 @@ _LinkOption = Annotated[
     list[str] | None,
     typer.Option(help="Link that carries MAVLink; may be given several times.", metavar="URL"),
 ]
+_StationLinkOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Link of its own for the scenario's ground station; default: the vehicle's links.",
+        metavar="URL",
+    ),
+]
 _SpeedOption = Annotated[
     str,
     typer.Option(
@@ -123,6 +130,17 @@ def _options(
 ) -> None: ...
 
 
+def _opened(urls: list[str], stack: ExitStack) -> "list[Link]":
+    """The open links, which `stack` closes."""
+    from companion.links import open_link
+
+    opened: list[Link] = []
+    for url in urls:
+        opened.append(open_link(url))
+        stack.callback(opened[-1].close)
+    return opened
+
+
 @app.command(epilog=_FLY_EXAMPLES)
 def fly(
     scenario: _ScenarioArgument,
@@ -135,6 +153,7 @@ def fly(
     seed: _SeedOption = None,
     all_streams: _AllStreamsOption = False,
     flavour: _FlavourOption = "",
+    station_link: _StationLinkOption = None,
     expect: ExpectOption = None,
     junit: JunitOption = None,
 ) -> None:
@@ -146,7 +165,6 @@ def fly(
         raise _usage("--expect is held against the log: give a --tlog FILE")
     pace = _speed(speed or ("1" if links else "max"))
 
-    from companion.links import open_link
     from companion.replay.expect import parse
     from sim.flight import Flight
     from sim.scenario import load_scenario
@@ -156,14 +174,14 @@ def fly(
         raise _usage(f"--flavour '{flavour}' is unknown: give one of {', '.join(FLAVOURS)}")
     parse(expect or [])  # a mistake is told before the flight
     config = load_scenario(scenario)
-    opened: list[Link] = []
+    if station_link and config.ground_station is None:
+        raise _usage(f"--station-link: '{config.name}' has no ground_station")
     with ExitStack() as stack:
-        for url in links:
-            opened.append(open_link(url))
-            stack.callback(opened[-1].close)
+        opened = _opened(links, stack)
         flight = Flight(
             config,
             links=opened,
+            station_link=next(iter(_opened([station_link] if station_link else [], stack)), None),
             tlog=tlog,
             seed=seed,
             all_streams=all_streams,

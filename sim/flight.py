@@ -24,6 +24,7 @@ from companion.links import Link
 from sim import STEPS_PER_TICK, TICK_US
 from sim.aircraft import Aircraft
 from sim.aircraft_state import Truth
+from sim.ground_station import GroundStation
 from sim.onboard import MOTION_US, Moment, Onboard, new_moment
 from sim.pilot.approach import LandingSite
 from sim.pilot.autopilot import Autopilot, Mode, Target
@@ -102,6 +103,8 @@ class Flight:
         Whose autopilot the vehicle looks like, in place of the scenario's.
     on_fix
         Called with every fix as it reaches the autopilot.
+    station_link
+        A link of its own for the scenario's ground station, open; the caller closes it.
     speed
         Simulated seconds a real one; None is as fast as possible.
     """
@@ -118,6 +121,7 @@ class Flight:
         clock: Clock | None = None,
         flavour: FlavourName | None = None,
         on_fix: Callable[[Fix], None] | None = None,
+        station_link: Link | None = None,
     ) -> None:
         self.scenario = scenario
         self.time_us = 0
@@ -127,6 +131,12 @@ class Flight:
         self._armed = False
         seed = scenario.seed if seed is None else seed
         self._start_aircraft(seed)
+        self.station: GroundStation | None = None
+        if scenario.ground_station is not None:
+            runway_m = scenario.runway.elevation_m
+            self.station = GroundStation(
+                scenario.ground_station, self.weather, runway_m, seed, station_link
+            )
         self._onboard = Onboard(
             scenario,
             seed,
@@ -135,11 +145,12 @@ class Flight:
             tlog=tlog,
             all_streams=all_streams,
             on_fix=on_fix,
+            station=self.station,
         )
         self.vehicle = self._onboard.vehicle
         self.vehicle.state.true_air = self.weather.truth
         self._by_truth = scenario.flown_by == "truth"
-        self._in_blocks = not links and speed is None and self._by_truth
+        self._in_blocks = not links and station_link is None and speed is None and self._by_truth
 
     def _start_aircraft(self, seed: int) -> None:
         scenario, runway = self.scenario, self.scenario.runway

@@ -17,6 +17,7 @@ from companion.samples import Packet
 from sim import BOOT_UNIX_US, TICK_US
 from sim.aircraft_state import Flow, Motion, Truth
 from sim.faults.injector import FaultInjector
+from sim.ground_station import GroundStation
 from sim.pilot.autopilot import UPDATE_HZ
 from sim.scenario import Scenario
 from sim.sensors.barometer import Barometer
@@ -74,6 +75,7 @@ class Onboard:
         tlog: Path | None = None,
         all_streams: bool = False,
         on_fix: Callable[[Fix], None] | None = None,
+        station: GroundStation | None = None,
     ) -> None:
         sensors = scenario.sensors
         self.barometer = Barometer(sensors.barometer, seed, face.baro_hz)
@@ -84,7 +86,7 @@ class Onboard:
         """interval at which a sensor samples the air"""
         self.received_bytes = 0
         self._scenario, self._seed = scenario, seed
-        self._on_fix = on_fix
+        self._on_fix, self._station = on_fix, station
         self._injectors: list[FaultInjector] = []
         self._writer = TlogWriter(tlog) if tlog is not None else None
         self._records: list[bytes] = []
@@ -97,8 +99,9 @@ class Onboard:
         self._links = [
             (link, self._port(link.url, self._delivery(link), face, all_streams)) for link in links
         ]
+        self._log_port: Port | None = None
         if self._writer is not None:
-            self._port(str(tlog), self._delivery(None), face, full=True)
+            self._log_port = self._port(str(tlog), self._delivery(None), face, full=True)
 
     def take(self, moments: Sequence[Moment]) -> None:
         """Take moments in order, and the ticks between them at which something is sent."""
@@ -145,6 +148,8 @@ class Onboard:
                 self._on_fix(fix)
         for link, port in self._links:
             self._receive(link, port)
+        if self._station is not None:
+            self._pass_on(self._station.frames(now_us))
         vehicle.stream()
         for injector in self._injectors:
             injector.due(BOOT_UNIX_US + now_us)
@@ -154,6 +159,14 @@ class Onboard:
             self.vehicle.on_pressure(self.barometer.measure(now_us, *air, flow))
         if now_us % self.thermometer.period_us == 0:
             self.vehicle.state.air_temperature_k = self.thermometer.measure(air[1])
+
+    def _pass_on(self, frames: Sequence[bytes]) -> None:
+        """Forward frames of the ground station, to the log alone if it has a link of its own."""
+        assert self._station is not None
+        for port in self.vehicle.ports:
+            if port is self._log_port or (port.heard and self._station.link is None):
+                for frame in frames:
+                    port.forward(frame)
 
     def _receive(self, link: Link, port: Port) -> None:
         for _ in range(_READS_PER_TICK):

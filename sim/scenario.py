@@ -13,6 +13,7 @@ from companion.config import Settings, load
 from companion.errors import SimulationError
 from sim.airframes import MODELS, Model
 from sim.faults import AnyFault
+from sim.ground_station import GroundStationConfig
 from sim.pilot.gains import GAINS
 from sim.pilot.profile import Airspeed, Altitude, Land, Leg, TakeOff
 from sim.sensors.barometer import BarometerConfig
@@ -111,6 +112,8 @@ class Scenario(Settings):
     """legs of the flight in their order"""
     weather: WeatherConfig = WeatherConfig()
     sensors: Sensors = Sensors()
+    ground_station: GroundStationConfig | None = None
+    """A ground station that measures the pressure."""
     streams_hz: dict[str, Annotated[float, Field(ge=0.0, le=50.0)]] = Field(default_factory=dict)
     """rates by message name; they replace those of a log and, with --all-streams, of a link"""
     faults: tuple[AnyFault, ...] = ()

@@ -207,7 +207,14 @@ class Companion:
                 self._ready.set()
 
     def wait_ready(self, timeout_s: float = 240.0) -> None:
-        assert self._ready.wait(timeout_s), self.lines
+        """Until it serves; a process that ends before is told at once."""
+        ends_s = time.monotonic() + timeout_s
+        while not self._ready.wait(0.1) and time.monotonic() < ends_s:
+            if self.process.poll() is not None:
+                break
+        if not self._ready.is_set():
+            self.stop()
+            raise AssertionError(self.lines)
 
     def stop(self, number: int = signal.SIGINT) -> int:
         if self.process.poll() is None:

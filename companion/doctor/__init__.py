@@ -10,11 +10,13 @@ from collections.abc import Callable, Iterator
 from companion.clock import Clock
 from companion.doctor import connection, sensors
 from companion.doctor.case import Case, Finding, Grade, autopilots
+from companion.doctor.reference import reference
 from companion.hearing import Hearing, Speaker
 from companion.key_file import open_signing
 from companion.links import Link
 from companion.mavlink.codec import Message, mavlink
 from companion.mavlink.identity import autopilot_name, is_autopilot
+from companion.reference_link import ReferenceLink
 from companion.service import Service
 from companion.settings import CompanionSettings
 
@@ -32,6 +34,7 @@ RULES: tuple[Callable[[Case], Finding | None], ...] = (
     sensors.barometer,
     sensors.gnss,
     sensors.inertial,
+    reference,
     connection.refusals,
     connection.version,
     connection.vehicle_clock,
@@ -44,11 +47,17 @@ RULES: tuple[Callable[[Case], Finding | None], ...] = (
 
 
 def examine(
-    link: Link, settings: CompanionSettings, clock: Clock, seconds: float
+    link: Link,
+    settings: CompanionSettings,
+    clock: Clock,
+    seconds: float,
+    reference_link: ReferenceLink | None = None,
 ) -> tuple[Case, list[Finding]]:
-    """Serve `link` for some seconds, and what was found, worst first."""
+    """Serve `link`, and the link to the ground barometer, for some seconds, and what was found,
+    worst first."""
     hearing = Hearing(link, clock)
-    service = Service(hearing, settings, clock, signing=open_signing(settings.signing))
+    signing = open_signing(settings.signing)
+    service = Service(hearing, settings, clock, signing=signing, reference=reference_link)
     end_us = clock.now_us() + round(seconds * 1e6)
     while clock.now_us() < end_us:
         service.turn(POLL_S)

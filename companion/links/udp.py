@@ -51,6 +51,7 @@ class UdpIn(BaseLink):
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_SIZE)
         super().__init__(str(endpoint._replace(number=self._socket.getsockname()[1])), clock)
         self._incoming = Incoming(self._socket)
+        self._buffer = memoryview(bytearray(DATAGRAM_SIZE))
         self._last: Address | None = None
         self._checked_us = clock.now_us()
         self._peers: dict[Address, _Peer] = {}  # longest silent first
@@ -60,11 +61,11 @@ class UdpIn(BaseLink):
         try:
             if not self._incoming.within(timeout_s):
                 return b""
-            data, peer = self._socket.recvfrom(DATAGRAM_SIZE)
+            size, peer = self._socket.recvfrom_into(self._buffer)
         except OSError:  # the fate of an earlier datagram of ours
             return b""
         self.source = self._last = peer
-        return data
+        return bytes(self._buffer[:size])
 
     def descriptors(self) -> list[HasFileno]:
         return [self._socket]

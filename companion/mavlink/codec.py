@@ -251,7 +251,9 @@ def numbers(message_id: int) -> Numbers | None:
         return None
     names, wire = kind.ordered_fieldnames, kind.unpacker
     plain: Any = namedtuple(kind.msgname, names)  # type: ignore[misc]
-    more = {"__slots__": (), "get_type": staticmethod(lambda: kind.msgname)}
+    more: dict[str, Any] = {"__slots__": (), "get_type": staticmethod(lambda: kind.msgname)}
+    if "id" not in names:
+        more["id"] = message_id
     made: Any = type(kind.msgname, (plain,), more)
     fields = attrgetter(*names) if len(names) > 1 else lambda each: (getattr(each, names[0]),)
     return Numbers(wire.unpack, wire.pack, wire.size, made._make, fields)
@@ -303,8 +305,14 @@ class Encoder:
         sequence, found = self._mav.seq, numbers(message_id)
         if self._signing is None and found is not None:
             payload = found.pack(*found.fields(message))
-            data = message._msgbuf = self._frame(message_id, payload, sequence, version)
+            data = self._frame(message_id, payload, sequence, version)
+            if not isinstance(message, tuple):
+                message._msgbuf = data
         else:
+            kind = mavlink.mavlink_map[message_id]
+            if isinstance(message, tuple):  # a light one
+                values = dict(zip(kind.ordered_fieldnames, message, strict=True))
+                message = kind(**values)
             data = message.pack(self._mav, force_mavlink1=version == 1)
             data = _without_extensions(data) if version == 1 else data
         self._mav.seq = (sequence + 1) % 256

@@ -29,7 +29,7 @@ from companion.health import Health
 from companion.kernels.atmosphere import qnh_pa
 from companion.mavlink import altitude_steps as steps
 from companion.mavlink.altitude_steps import ALTITUDE, NEVER_US, OUTPUT_PARAMS, OUTPUTS
-from companion.mavlink.codec import Message, mavlink
+from companion.mavlink.codec import Message, mavlink, numbers
 from companion.mavlink.continuity import Leap, Monotonic
 from companion.mavlink.debug import debug_messages
 from companion.mavlink.own_heights import OwnHeights, own_altitude, own_heights
@@ -179,11 +179,17 @@ class Outputs:
         return debug_messages(now_us, health, estimate, state, qnh_hpa)
 
 
+_LAYOUT = numbers(mavlink.MAVLINK_MSG_ID_ALTITUDE)
+assert _LAYOUT is not None
+_make_altitude = _LAYOUT.make
+"""of the fields in the order of the wire, which is that of the message"""
+
+
 def altitude_message(heights: Any) -> Message:
-    """The message of an `ALTITUDE` record."""
+    """The light message of an `ALTITUDE` record."""
     time_us, monotonic_m, amsl_m, local_m, relative_m, clearance_m = heights.item()
-    return mavlink.MAVLink_altitude_message(
-        time_us, monotonic_m, amsl_m, local_m, relative_m, clearance_m, clearance_m
+    return _make_altitude(
+        (time_us, monotonic_m, amsl_m, local_m, relative_m, clearance_m, clearance_m)
     )
 
 

@@ -40,8 +40,8 @@ Finding = dict[str, str]
 
 def verdict(found: dict[str, Any]) -> dict[str, Any]:
     """``wrong`` (names of sources), ``score_m`` (for sorting: the worst altitude), ``findings``,
-    ``reason`` (the first of the gravest, and the cause of a wrong altitude) and ``verdict`` (all
-    together) of a session's summary."""
+    ``reason`` (the first of the gravest, without mere advice, and the cause of a wrong altitude)
+    and ``verdict`` (all together) of a session's summary."""
     reference = found["reference"]
     sd_m = reference["sd_m"] if math.isfinite(reference["sd_m"]) else 0.0
     limit_m = WRONG_M + 3.0 * sd_m
@@ -60,20 +60,22 @@ def verdict(found: dict[str, Any]) -> dict[str, Any]:
         *_gnss(found),
     ]
     doubt = found["parting"]["sensor"] or "unknown" if _has_parted(found) else ""
-    findings = [
+    told = [
         *_altitude(found),
         *_wrong(found, wrong),
         *_at_rest(found),
         *_origin(found),
         *causes,
         *_notes(found),
-        *(_say(level, text) for level, text in advice(found, doubt)),
     ]
+    advised = [_say(level, text) for level, text in advice(found, doubt)]
+    findings = told + advised
+    reasons = told + [each for each in advised if each["level"] not in ("good", "note")]
     return {
         "wrong": wrong,
         "score_m": score_m,
         "findings": findings,
-        "reason": " ".join([_gravest(findings), *([_gravest(causes)] if wrong and causes else [])]),
+        "reason": " ".join([_gravest(reasons), *([_gravest(causes)] if wrong and causes else [])]),
         "verdict": " ".join(each["text"] for each in findings),
     }
 

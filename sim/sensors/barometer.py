@@ -182,28 +182,31 @@ class Barometer:
     """Samples the static pressure at ``config.rate_hz``, or `usual_hz` where the configuration
     leaves that open."""
 
-    def __init__(self, config: BarometerConfig, seed: int, usual_hz: int = 20) -> None:
+    def __init__(
+        self, config: BarometerConfig, seed: int, usual_hz: int = 20, name: str = "barometer"
+    ) -> None:
+        """`name` keys its random streams."""
         seed = seed if config.seed is None else config.seed
         self.config = config
         rate_hz = config.rate_hz or usual_hz
         self.period_us = 1_000_000 // rate_hz
         dt_s = 1.0 / rate_hz
-        self._white: Iterator[float] = normals(seed, "barometer", "white")
+        self._white: Iterator[float] = normals(seed, name, "white")
         self._wander = GaussMarkov(
-            config.wander_sd_pa, config.wander_time_s, dt_s, normals(seed, "barometer", "wander")
+            config.wander_sd_pa, config.wander_time_s, dt_s, normals(seed, name, "wander")
         )
-        self.bias_pa = config.bias_pa + config.bias_sd_pa * next(normals(seed, "barometer", "bias"))
+        self.bias_pa = config.bias_pa + config.bias_sd_pa * next(normals(seed, name, "bias"))
         self.thermal_pa_per_k = config.thermal_pa_per_k
         if config.thermal_sd_pa_per_k:
             self.thermal_pa_per_k += config.thermal_sd_pa_per_k * next(
-                normals(seed, "barometer", "thermal")
+                normals(seed, name, "thermal")
             )
-        self.static_port = config.static_port + _specimen(config.static_port_sd, seed, "port")
+        self.static_port = config.static_port + _specimen(config.static_port_sd, seed, name, "port")
         self.ground_effect = config.ground_effect + _specimen(
-            config.ground_effect_sd, seed, "ground effect"
+            config.ground_effect_sd, seed, name, "ground effect"
         )
-        self._slow = _Drift(config, dt_s, seed) if config.has_drift else None
-        self._late = _StampJitter(config.stamp_jitter_s, dt_s, seed)
+        self._slow = _Drift(config, dt_s, seed, name) if config.has_drift else None
+        self._late = _StampJitter(config.stamp_jitter_s, dt_s, seed, name)
         self._follow = 1.0 - math.exp(-dt_s / config.lag_s) if config.lag_s else 1.0
         self._port_pa: float | None = None
         self.feels_flow = any(
@@ -256,20 +259,20 @@ class Barometer:
         return lift_pa + config.thrust_pa * max(0.0, flow.throttle) + flow_pa
 
 
-def _specimen(sd: float, seed: int, name: str) -> float:
+def _specimen(sd: float, seed: int, name: str, term: str) -> float:
     """What makes a device differ from others of its kind: one number a seed."""
-    return sd * next(normals(seed, "barometer", name)) if sd else 0.0
+    return sd * next(normals(seed, name, term)) if sd else 0.0
 
 
 class _Drift:
     """Error whose rate is a first-order Gauss-Markov process, and a random walk."""
 
-    def __init__(self, config: BarometerConfig, dt_s: float, seed: int) -> None:
+    def __init__(self, config: BarometerConfig, dt_s: float, seed: int, name: str) -> None:
         self._dt_s = dt_s
-        noise = normals(seed, "barometer", "drift rate")
+        noise = normals(seed, name, "drift rate")
         self._rate = GaussMarkov(config.drift_sd_pa_per_s, DRIFT_TIME_S, dt_s, noise)
         self._walk_pa = config.walk_pa_rts * math.sqrt(dt_s)
-        self._steps = normals(seed, "barometer", "walk")
+        self._steps = normals(seed, name, "walk")
         self._error_pa = 0.0
 
     def step(self) -> float:
@@ -281,9 +284,9 @@ class _Drift:
 class _StampJitter:
     """Readings that are older than their stamps say, by a random time up to `largest_s`."""
 
-    def __init__(self, largest_s: float, dt_s: float, seed: int) -> None:
+    def __init__(self, largest_s: float, dt_s: float, seed: int, name: str) -> None:
         self._largest_s, self._dt_s = largest_s, dt_s
-        self._uniform = uniforms(seed, "barometer", "stamps") if largest_s else None
+        self._uniform = uniforms(seed, name, "stamps") if largest_s else None
         self._past: deque[float] = deque(maxlen=math.ceil(largest_s / dt_s) + 2)
 
     def reading_pa(self, port_pa: float) -> float:

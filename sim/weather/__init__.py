@@ -192,6 +192,8 @@ class Weather:
         self._column = layers if config.profile or moist else None
         self._standard, self._own = Column(), Column()
         """columns for the QNH: the standard day's, and a copy of JSBSim's"""
+        self._station, self._station_k = Column(), 0.0
+        """the column over the ground station, and its temperature offset"""
         self._own_k = 0.0
         self._qnh_of: Now | None = None
         """the weather whose QNH `_qnh_pa` is"""
@@ -255,6 +257,28 @@ class Weather:
             now.east_mps,
             now.down_mps,
         )
+
+    def station_air(self, time_s: float, elevation_m: float) -> tuple[float, float]:
+        """Pressure (Pa) and air temperature (K) at a place on the ground beside the start, where
+        the height is `elevation_m` and the weather that of there."""
+        sea_level_pa, offset_k = self.at(time_s)
+        if self._fields:
+            latitude_deg = self._origin_deg[0]
+            latitude_deg = math.copysign(max(abs(latitude_deg), _NO_CORIOLIS_DEG), latitude_deg)
+            wind_mps = (self._wind_mps[0](time_s), self._wind_mps[1](time_s))
+            height_m = elevation_m - self._aircraft.ground_m
+            point = WeatherPoint(time_s, 0.0, 0.0, elevation_m, height_m, latitude_deg, wind_mps)
+            total = Change(*map(math.fsum, zip(*(f.at(point) for f in self._fields), strict=True)))
+            sea_level_pa += total.sea_level_pa
+            offset_k += total.offset_k
+        column = self._column
+        if column is None:
+            column = self._station
+            if offset_k != self._station_k:
+                column.solve(offset_k)
+                self._station_k = offset_k
+        air = column.at(elevation_m, sea_level_pa)
+        return air.pressure_pa, air.temperature_k
 
     def _reduced_pa(self) -> float:
         """The field's pressure reduced to sea level through the standard column, Pa."""

@@ -11,10 +11,11 @@ from companion.clock import SystemClock
 from companion.doctor import Case, Finding, Grade, examine, report
 from companion.links import open_link
 from companion.mavlink.codec import Message, mavlink
+from companion.reference_link import open_reference
 from companion.settings import CompanionSettings
 from companion.warmup import warm_up
 from tests.live import STREAMS, LiveVehicle, Pty, Udp, accept, free_port
-from tests.vehicle import Vehicle, gps, heartbeat, pressure
+from tests.vehicle import Maker, Vehicle, gps, heartbeat, pressure
 
 SECONDS = 4.0
 
@@ -157,3 +158,42 @@ def test_time_is_bounded(port: int) -> None:
     started = time.monotonic()
     diagnose(url=url_of(port))
     assert time.monotonic() - started < SECONDS + 1.0
+
+
+STATION_HZ: dict[str, tuple[float, Maker]] = {
+    "heartbeat": (1.0, lambda s: heartbeat(type=mavlink.MAV_TYPE_GCS, autopilot=8)),
+    "pressure": (2.0, pressure),
+}
+
+
+def diagnose_with_station(port: int, *, sends: bool, seconds: float) -> list[Finding]:
+    """The findings with a ground barometer, system 9, on a UDP link of its own."""
+    station_port = free_port()
+    air = {"reference": f"udpin:127.0.0.1:{station_port}", "reference_elevation_m": 500.0}
+    settings = CompanionSettings().with_changes(air=air)
+    streams = STATION_HZ if sends else {"heartbeat": STATION_HZ["heartbeat"]}
+    vehicle = LiveVehicle(Udp(port), answer=accept)
+    station = LiveVehicle(Udp(station_port), streams, vehicle=Vehicle(9, 1))
+    with contextlib.ExitStack() as stack:
+        for each in (vehicle, station):
+            stack.callback(each.close)
+        link = stack.enter_context(contextlib.closing(open_link(url_of(port))))
+        opened = open_reference(settings.air, stack, SystemClock())
+        return examine(link, settings, SystemClock(), seconds, opened)[1]
+
+
+def test_a_ground_barometer_that_is_heard(port: int) -> None:
+    """Before ten seconds there is no QNH yet; what to do is told."""
+    found = told(
+        diagnose_with_station(port, sends=True, seconds=4.0), "ground barometer heard", "no QNH yet"
+    )
+    assert found.grade is Grade.NOTE
+    assert "--seconds" in found.cure
+
+
+def test_a_ground_barometer_that_is_not_heard(port: int) -> None:
+    found = told(
+        diagnose_with_station(port, sends=False, seconds=3.0), "no SCALED_PRESSURE", "not heard"
+    )
+    assert found.grade is Grade.WRONG
+    assert "air.reference_system_id" in found.cure

@@ -41,7 +41,7 @@ class Taken(Collector):
 
     def published(self, message: Message) -> None:
         super().published(message)
-        self.seen.append(repr(message.to_dict()))
+        self.seen.append(repr(message))
 
 
 def both_ways(path: Path) -> tuple[Taken, Taken]:

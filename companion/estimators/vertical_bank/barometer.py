@@ -29,13 +29,13 @@ MEDIAN_TO_SD = 1.4826
 MOVED_M = 0.5
 """A vehicle that has moved so far has another pressure around it."""
 MOVING_MPS = 0.5
-REPEAT_FORGOTTEN, REPEAT_START = 0.02, 0.5
+REPEAT_FORGOTTEN, REPEAT_START = 0.005, 0.5
 COARSEST_M = 8.5
 """A stream that has not changed yet may resolve a hectopascal."""
 REST_S, REST_INTERVALS = 1.0, 10.0
 INTERVAL_WEIGHT = 1.0 / 16.0
 FRESH_SPEED_US = 3_000_000
-LEAST_REPEAT = 0.02
+LEAST_REPEAT = 0.005
 SPEED_DRIFT_MPS2 = 0.1
 """A speed that is no longer heard changes by 6 m/s a minute."""
 
@@ -50,7 +50,7 @@ BAROMETER_RECORD = np.dtype(
         ("time_us", "i8"),  # of the newest height
         ("median_m", "f8"),  # of the differences between consecutive heights beyond the motion
         ("value_us", "i8"),  # since when the value repeats
-        ("change_m", "f8"),  # what it differs from the value before by
+        ("change_m", "f8"),  # the least that values have differed from the one before by, of late
         ("interval_s", "f8"),  # between new values, smoothed; NaN unknown
         ("run", "i8"),  # number of repeats of the newest value
         ("doubt", "f8"),  # probability of those in which the vehicle had moved
@@ -113,7 +113,7 @@ def note_height(
 ) -> None:
     """A new value: noise and interval of the stream, and its smoothed height."""
     if baro.seen == 1:
-        baro.change_m = abs(height_m - baro.height_m)
+        baro.change_m = min(abs(height_m - baro.height_m), (1.0 + NOISE_STEP) * baro.change_m)
         change_m = abs(height_m - baro.height_m - (path_m - baro.path_m))
         up = change_m > baro.median_m
         baro.median_m *= 1.0 + NOISE_STEP if up else 1.0 / (1.0 + NOISE_STEP)
@@ -173,8 +173,8 @@ def repeat_probability(baro: Record) -> float:
 
 @step
 def has_moved(baro: Record, path_m: float, climb_mps: float) -> bool:
-    """Whether the vehicle moves, and has done since the newest value by more than that differed
-    from the one before: by noise, resolution or motion."""
+    """Whether the vehicle moves, and has done since the newest value by more than values differ by
+    at least: the resolution of the stream."""
     return abs(climb_mps) > MOVING_MPS and abs(path_m - baro.path_m) > baro.change_m
 
 

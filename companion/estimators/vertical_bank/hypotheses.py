@@ -33,7 +33,9 @@ from companion.estimators.vertical_bank.channel import (
     OFFSET,
     RATE,
     SIZE,
+    dot,
     duplicate,
+    gather,
     replace,
 )
 from companion.estimators.vertical_bank.mixture import (
@@ -191,13 +193,32 @@ def on_gnss_surprise(bank: Record, p: Record, is_blind: bool, elapsed_s: float) 
 
 
 @step
-def on_baro_surprise(bank: Record, p: Record, is_blind: bool, elapsed_s: float) -> None:
-    """What may be behind a barometer height that the most probable hypothesis does not explain."""
+def explains(bank: Record, first: int, end: int, least: float, z: float, R: float) -> bool:
+    """Whether a hypothesis of slots [first, end) of at least this probability expected z."""
+    for i in range(first, end):
+        if bank.weight[i] < least or bank.weight[i] == 0.0:
+            continue
+        innovation = z - dot(bank.H, bank.x[i])
+        S = R + gather(bank.P[i], bank.H, bank.K)
+        if innovation * innovation <= SURPRISE_SIGMA * SURPRISE_SIGMA * S:
+            return True
+    return False
+
+
+@step
+def on_baro_surprise(
+    bank: Record, p: Record, is_blind: bool, elapsed_s: float, z: float, R: float
+) -> None:
+    """What may be behind a barometer height z = H x + white of variance R, NaN for a repeat, that
+    the most probable hypothesis does not explain. A fault that was supposed before and does is not
+    given up for one that begins now."""
     top = heaviest(bank, 0, N)
     elapsed_s = min(elapsed_s, LONGEST_ONSET_S)
     rate_per_h = p.rejump_rate_per_h if baro_is_wrong(top) else p.fault_rate_per_h
     prior = rate_per_h * PER_H * elapsed_s
-    suppose_baro_fault(bank, p.baro_jump_m, 3.0 * p.baro_fault_rate_mps, prior, True)
+    first, end = (BO, RE) if gnss_is_wrong(top) else (BA, MO)
+    if not explains(bank, first, end, prior * bank.weight[top], z, R):
+        suppose_baro_fault(bank, p.baro_jump_m, 3.0 * p.baro_fault_rate_mps, prior, True)
     suppose_motion(bank, p, is_blind, elapsed_s)
 
 

@@ -49,10 +49,14 @@ PLAY_M, LAYER_M = 25.0, 5.0
 small ups and downs, such as airspeed, must not be learned as scale."""
 SOFT_SIGMA = 3.0
 """no single barometer height moves a channel by more than this many sigma"""
-OUTLIER_LOG = -11.0
-"""least log-likelihood of a single barometer height: one in a hundred is anywhere within 600 m"""
-LEAST_DENSITY = 1.7e-5
-"""of any measurement in `evidence`: exp(OUTLIER_LOG)"""
+HARD, SOFT, EXPLAINED = 0, 1, 2
+"""how a measurement is fused: as it is, as one that may be an outlier, as one that a hypothesis
+which takes it for an outlier leaves alone, since another explains it"""
+OUTLIER_LOG, FAR_LOG = -4.6, -5.5
+"""Log of the share of barometer heights that are anywhere within 600 m, one in a hundred; log of
+that density, in the units of `log_density`."""
+LEAST_DENSITY, LEAST_LOG = 1.7e-5, -10.1
+"""of any measurement: 0.01 / 600 m; `OUTLIER_LOG` + `FAR_LOG`"""
 
 BANK = np.dtype(
     [
@@ -253,9 +257,25 @@ def propagate(bank: Record, imu: Record, p: Record, dt: float, steps: int) -> No
 
 
 @step
+def log_density(innovation: float, S: float) -> float:
+    """Log of the probability density of an innovation, but for the constant ln(2 pi) / 2."""
+    return -0.5 * (math.log(S) + innovation * innovation / S)
+
+
+@step
 def fuse(bank: Record, z: float, R: float, temper: float, is_soft: int) -> None:
     """Correct every hypothesis by z = H x + white of variance R, and its probability by the
-    tempered likelihood. A soft measurement may be an outlier."""
+    tempered likelihood."""
+    fuse_doubtful(bank, z, R, R, temper, is_soft)
+
+
+@step
+def fuse_doubtful(
+    bank: Record, z: float, R: float, alone: float, temper: float, is_soft: int
+) -> None:
+    """As `fuse`, of a measurement that may be an outlier: one by itself has the variance `alone`,
+    less than R where it shares an error with those before it. To be an outlier is an event of its
+    own for each and not tempered: three in a row are one in a million, though errors last."""
     best, likelihood = -math.inf, 0.0
     for i in range(N):
         if bank.weight[i] == 0.0:
@@ -263,13 +283,14 @@ def fuse(bank: Record, z: float, R: float, temper: float, is_soft: int) -> None:
         innovation = z - dot(bank.H, bank.x[i])
         known = gather(bank.P[i], bank.H, bank.K)
         S = known + R
-        value = -0.5 * (math.log(S) + innovation * innovation / S)
+        value = log_density(innovation, S)
         likelihood += bank.weight[i] * math.exp(value)
-        if is_soft == 1:
-            value = max(value, OUTLIER_LOG)
+        is_outlier = is_soft > HARD and log_density(innovation, known + alone) < LEAST_LOG
+        bank.log_likelihood[i] = OUTLIER_LOG + temper * FAR_LOG if is_outlier else temper * value
+        if is_soft > HARD:
             S = known + inflated(innovation, S, R, SOFT_SIGMA)
-        absorb(bank.x[i], bank.P[i], bank.K, innovation, S)
-        bank.log_likelihood[i] = temper * value
+        if not is_outlier or is_soft < EXPLAINED:
+            absorb(bank.x[i], bank.P[i], bank.K, innovation, S)
         best = max(best, bank.log_likelihood[i])
     for i in range(N):
         if bank.weight[i] > 0.0:
@@ -302,3 +323,12 @@ def surprises(bank: Record, z: float, R: float, sigma: float) -> bool:
     innovation = z - dot(bank.H, bank.x[top])
     S = R + gather(bank.P[top], bank.H, bank.K)
     return innovation * innovation > sigma * sigma * S
+
+
+@step
+def leaps(bank: Record, z: float, alone: float) -> bool:
+    """Whether the most probable hypothesis takes z = H x + white of variance `alone` for an
+    outlier."""
+    top = heaviest(bank, 0, N)
+    S = alone + gather(bank.P[top], bank.H, bank.K)
+    return log_density(z - dot(bank.H, bank.x[top]), S) < LEAST_LOG

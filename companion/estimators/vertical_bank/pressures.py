@@ -13,8 +13,12 @@ from companion.estimators.judging import (
 )
 from companion.estimators.vertical_bank.aids import fuse_qnh, fuse_temperature
 from companion.estimators.vertical_bank.attribution import BAROMETER, fault_probability, is_named
-from companion.estimators.vertical_bank.baro_terms.lag import lag_climb_mps, slope_mps
-from companion.estimators.vertical_bank.baro_terms.timing import timing_m2
+from companion.estimators.vertical_bank.baro_terms.lag import (
+    lag_climb_mps,
+    slope_mps,
+    smooth_of_slope,
+)
+from companion.estimators.vertical_bank.baro_terms.timing import JITTER_S, timing_m2
 from companion.estimators.vertical_bank.barometer import (
     has_moved,
     noise_m2,
@@ -34,10 +38,13 @@ from companion.estimators.vertical_bank.hypotheses import (
     trust_again,
 )
 from companion.estimators.vertical_bank.mixture import (
+    EXPLAINED,
+    SOFT,
     N,
     expected,
     expected_variance,
-    fuse,
+    fuse_doubtful,
+    leaps,
     mean,
     surprises,
 )
@@ -62,7 +69,7 @@ BARO_INTERVAL_S = 0.1
 @step
 def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     """A barometer height: place, predict, suppose, fuse, let hypotheses change, publish."""
-    s, p, instance, time_us = state[0], params[0], sample[0].instance, sample[0].time_us
+    s, instance, time_us = state[0], sample[0].instance, sample[0].time_us
     verdict = judge_pressure(state, sample, LOWEST_PA, HIGHEST_PA)
     if verdict != USED:
         return tally(state, PRESSURE, verdict)
@@ -94,18 +101,30 @@ def on_pressure(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
         note_run(s.baro, mean(s.bank, CLIMB))
         hear_height(state, params, time_us, sample[0].pressure_pa, height_m, silent_us)
     if not is_repeat or rests(s.baro, time_us, s.bank.path_m, mean(s.bank, CLIMB)):
-        R = noise_m2(s.baro, p) + timing_m2(p.timing_sd_s, s.bank.climb_mps, silent_us * 1e-6)
-        sees_barometer(
-            s.bank.H, s.baro, lag_climb_mps(s.bank.slope_mps, mean(s.bank, CLIMB)), late_s
-        )
-        watched = p.integrity == 1 and s.gnss.seen == 1
-        if watched and surprises(s.bank, s.baro.height_m, R, SURPRISE_SIGMA):
-            elapsed_s = silent_us * 1e-6
-            on_baro_surprise(s.bank, p, is_blind(state, elapsed_s), elapsed_s)
-        share = min(1.0, silent_us * 1e-6 / BARO_INTERVAL_S)
-        fuse(s.bank, s.baro.height_m, R, p.tempering_ratio * share, 1)
+        fuse_height(state, params, silent_us * 1e-6, late_s)
     conclude(state, params, estimate)
     return tally(state, PRESSURE, GATED if is_named(s.named, BAROMETER) else USED)
+
+
+@step
+def fuse_height(state: Rows, params: Rows, elapsed_s: float, late_s: float) -> None:
+    """The newest height, `late_s` old and `elapsed_s` after the one before: suppose what would
+    explain it, fuse."""
+    s, p = state[0], params[0]
+    noise = noise_m2(s.baro, p)
+    R = noise + timing_m2(p.timing_sd_s, s.bank.climb_mps, elapsed_s)
+    alone = noise + timing_m2(p.timing_sd_s, s.bank.climb_mps, JITTER_S)
+    sees_barometer(s.bank.H, s.baro, lag_climb_mps(s.bank.slope_mps, mean(s.bank, CLIMB)), late_s)
+    watched = p.integrity == 1 and s.gnss.seen == 1
+    leapt = leaps(s.bank, s.baro.height_m, alone)
+    if leapt:
+        s.baro.smooth_m = smooth_of_slope(s.bank.slope_mps, s.baro.height_m)
+    if watched and (leapt or surprises(s.bank, s.baro.height_m, R, SURPRISE_SIGMA)):
+        blind = is_blind(state, elapsed_s)
+        on_baro_surprise(s.bank, p, blind, elapsed_s, s.baro.height_m, R)
+    temper = p.tempering_ratio * min(1.0, elapsed_s / BARO_INTERVAL_S)
+    kind = EXPLAINED if watched else SOFT
+    fuse_doubtful(s.bank, s.baro.height_m, R, alone, temper, kind)
 
 
 @step
@@ -145,7 +164,7 @@ def hear_repeat(state: Rows, params: Rows) -> None:
     s, p = state[0], params[0]
     if p.integrity == 0 or not has_moved(s.baro, s.bank.path_m, mean(s.bank, CLIMB)):
         return
-    on_baro_surprise(s.bank, p, True, BARO_INTERVAL_S)
+    on_baro_surprise(s.bank, p, True, BARO_INTERVAL_S, math.nan, 0.0)
     probability = repeat_probability(s.baro)
     s.baro.doubt *= probability
     doubt_repeat(s.bank, probability)

@@ -153,6 +153,13 @@ _GOALS = (
         "<= 4 us",
     ),
     Goal(
+        "real-presets",
+        "real",
+        "simulated flights with the barometer presets of real aircraft: RMSE / raw GNSS, less "
+        "that of the real flights, without IMU",
+        "within .1",
+    ),
+    Goal(
         "real-rtk",
         "real",
         "recorded RTK receiver: RMSE / that of the receiver; RMSE / spread; level",

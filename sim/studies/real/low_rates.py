@@ -13,6 +13,8 @@ from sim.studies.real.matrix import measures, warm
 from sim.studies.runs import flown
 
 IMU_HZ = (0, 1, 2, 5)
+PRESETS = ("real-light-aircraft", "real-small-uav")
+"""scenarios with the barometer errors of real flights"""
 
 
 class Slow(NamedTuple):
@@ -24,6 +26,15 @@ class Slow(NamedTuple):
 def slow_flights() -> list[Slow]:
     """Every scenario that comes with the simulator."""
     return [Slow(load_scenario(name)) for name in scenario_paths()]
+
+
+def preset_flights(seeds: int) -> list[Slow]:
+    """The scenarios of `PRESETS` with seeds 1 to `seeds`."""
+    return [
+        Slow(load_scenario(name).model_copy(update={"seed": seed}))
+        for name in PRESETS
+        for seed in range(1, seeds + 1)
+    ]
 
 
 def fly_slow(job: Slow) -> list[Row]:

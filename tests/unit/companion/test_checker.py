@@ -293,3 +293,38 @@ def test_an_estimator_that_doubts_a_receiver_that_slides_away_is_not_restarted(s
             doubts = time_s > 70.0
             asked |= checker.asks_restart(round(time_s * 1e6), supported=not doubts)
         assert asked is restarts
+
+
+def slid_in_a_climb(slid_m: Callable[[float], float]) -> Iterator[tuple[int, Checker]]:
+    """The checker at every fix of a flight that climbs 2.5 m/s from 100 s on, whose receiver is off
+    by `slid_m` of the time in s."""
+    checker = Checker()
+    for k in range(900):
+        time_s = 10.0 + k / 4.0
+        climbed_m = 2.5 * max(0.0, time_s - 100.0)
+        pressure_pa = float(standard_pressure_pa(np.array(300.0 + climbed_m), SEA_LEVEL_PA))
+        checker.sample(
+            Kind.PRESSURE, sample(Kind.PRESSURE, round(time_s * 1e6), pressure_pa=pressure_pa)
+        )
+        checker.sample(Kind.GNSS, fix(time_s, 300.0 + climbed_m + slid_m(time_s), 3.0))
+        yield round(time_s * 1e6), checker
+
+
+def test_a_slide_in_a_climb_is_no_reason_to_restart_who_doubts_it() -> None:
+    """The slide was taken for warm air, so the sensors agreed: the estimator forgot its doubt, and
+    published 59 m of error."""
+    for rate_mps, restarts in ((0.3, False), (0.0, True)):
+        asked = False
+        for now_us, checker in slid_in_a_climb(ramp(100.0, rate_mps)):
+            asked |= checker.asks_restart(now_us, supported=now_us < 170_000_000)
+        assert asked is restarts
+
+
+def test_a_receiver_that_jumped_is_not_back_because_the_limit_grew() -> None:
+    """A jump of 30 m was, after a climb of 230 m, within what air can do; who had kept the right
+    height was restarted, and took the false one."""
+    for now_us, checker in slid_in_a_climb(
+        lambda s: 31.0 - 0.1 * (s - 100.0) if s > 100.0 else 0.0
+    ):
+        if now_us > 101_000_000:
+            assert checker.sensors.state["excluded"][0] == Kind.GNSS

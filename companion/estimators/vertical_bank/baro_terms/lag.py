@@ -28,6 +28,12 @@ def slope_mps(smooth_m: float, baro_m: float) -> float:
 
 
 @step
+def smooth_of_slope(slope: float, baro_m: float) -> float:
+    """The smoothed barometer height that has this slope: what follows a leap, which is none."""
+    return baro_m - SMOOTHING_S * slope
+
+
+@step
 def lag_climb_mps(slope: float, climb_mps: float) -> float:
     """The climb that the lag is seen by: the slope, within twice the estimated climb. A slope that
     the estimate does not share is a jump of the barometer, and one within its noise is none."""

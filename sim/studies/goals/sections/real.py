@@ -17,7 +17,7 @@ from sim.studies.page import Value
 from sim.studies.real import found
 from sim.studies.real.faults import try_all, windows
 from sim.studies.real.gnss_errors import logs
-from sim.studies.real.low_rates import fly_slow, slow_flights
+from sim.studies.real.low_rates import Slow, fly_slow, preset_flights, slow_flights
 from sim.studies.real.matrix import Cell, cells, fly, group, traces_in
 
 SCENARIO_SEEDS = 4
@@ -40,7 +40,8 @@ def evaluate(context: Context) -> SectionPage:
         try_all, list(windows(paths, _onsets(context))), lambda window: window.imu_hz
     )
     scenarios = slow_flights() if context.seeds >= SCENARIO_SEEDS else []
-    slow = context.run(fly_slow, scenarios, lambda job: job.scenario.planned_s)
+    slow = context.run(fly_slow, scenarios, by_length)
+    like_real = context.run(fly_slow, preset_flights(context.seeds), by_length)
     rows = [row for found_rows in results(flown) for row in found_rows]
     faults = [row for found_rows in results(tried) for row in found_rows]
     page.measured(*matrix_goals(rows), *rtk_goals(rows), *_fault_goals(faults))
@@ -48,8 +49,27 @@ def evaluate(context: Context) -> SectionPage:
     _matrix_part(page, rows)
     _fault_part(page, faults)
     _scenario_part(page, [row for found_rows in results(slow) for row in found_rows])
-    page.failures([*searched, *flown, *tried, *slow])
+    page.measured(*_preset_goals(rows, [row for found in results(like_real) for row in found]))
+    page.failures([*searched, *flown, *tried, *slow, *like_real])
     return page
+
+
+def by_length(job: Slow) -> float:
+    """How long a job takes, in proportion."""
+    return job.scenario.planned_s
+
+
+def _preset_goals(rows: Sequence[Row], simulated: Sequence[Row]) -> list[Measured]:
+    """Ratio to raw GNSS of flights with the presets, less that of the real flights, without IMU."""
+    real = mean([row for row in own_rows(rows) if row["imu_hz"] == 0], ratio)
+    measured = []
+    for (name,), each in group(
+        [row for row in simulated if row["imu_hz"] == 0], "scenario"
+    ).items():
+        found = mean(each, ratio)
+        note = f"{found:.2f} simulated, {real:.2f} real; {len(each)} flights"
+        measured.append(Measured("real-presets", name, abs(found - real), 0.1, note=note))
+    return measured
 
 
 def _onsets(context: Context) -> int:

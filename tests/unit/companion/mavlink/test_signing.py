@@ -2,10 +2,13 @@
 
 import hashlib
 import itertools
+import math
 
+import numpy as np
 import pytest
 
 from companion.mavlink.codec import Decoder, Encoder, Frame, FrameReject, mavlink
+from companion.mavlink.outputs import altitude_message
 from companion.mavlink.signing import LARGEST, NEW_STREAM, Signing, stamp_of
 from tests.vehicle import Vehicle, attitude, heartbeat
 
@@ -40,6 +43,16 @@ def test_pymavlink_accepts_what_we_sign() -> None:
         (message,) = receiver.parse_buffer(bytearray(frame))
         assert message.get_type() == "HEARTBEAT"
     assert receiver.signing.goodsig_count == 3
+
+
+def test_a_light_message_is_signed_as_any_other() -> None:
+    """Our ALTITUDE is one."""
+    heights = (5_000_000, 1.0, 501.25, 2.0, 3.0, math.nan, math.nan)
+    light = altitude_message(np.array(heights[:-1], "i8,f8,f8,f8,f8,f8"))
+    frame = Encoder(1, 191, signing()).encode(light)
+    (message,) = pymavlink_receiver(newest=NOW).parse_buffer(bytearray(frame))
+    assert (message.time_usec, message.altitude_amsl) == (5_000_000, 501.25)
+    assert (message.altitude_local, message.altitude_relative) == (2.0, 3.0)
 
 
 def test_we_accept_what_pymavlink_signs() -> None:

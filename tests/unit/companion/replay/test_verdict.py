@@ -208,6 +208,12 @@ def test_the_gravest_finding_is_the_reason_and_the_order() -> None:
     assert orders == sorted(orders, reverse=True)
 
 
+def test_that_there_is_no_advice_is_no_reason() -> None:
+    told = verdict(summary(own_altitude={}))
+    assert told["verdict"].endswith("the log holds no altitude of its own.")
+    assert told["reason"] == told["findings"][0]["text"]
+
+
 def test_at_most_three_notes_are_sentences() -> None:
     found = verdict(summary(notes=[f"vehicle {k}/1 lost" for k in range(6)], unreadable=0.105))
     assert (

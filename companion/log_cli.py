@@ -5,7 +5,7 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -222,12 +222,14 @@ def compare(
     stanford: StanfordOption = None,
     alert_limit: AlertLimitOption = 50.0,
     settle: SettleOption = 60.0,
+    expect: ExpectOption = None,
+    junit: JunitOption = None,
 ) -> None:
     """Compare every estimator on one log with raw barometer, raw GNSS and the autopilot's
-    altitude."""
-    refuse_same(log, plot, stanford)
+    altitude; --expect holds for each."""
+    refuse_same(log, plot, stanford, junit)
     settings = resolve_settings(config, None, changes)
-    names = _estimators(estimator)
+    names = _estimators(estimator, expect)
     compile_first(settings, *names)
 
     from companion.evaluation import compare as comparing
@@ -255,14 +257,38 @@ def compare(
             comparing_table.show(comparison)
     if as_json:
         print(json.dumps(document("compare", str(log), sessions, settle_s=settle), indent=2))
-        return
-    for path in written:
-        print(f"wrote {path}")
+    else:
+        print("".join(f"wrote {path}\n" for path in written), end="")
+    _hold_estimators(log.name, names, sessions, expect, junit)
 
 
-def _estimators(names: list[str] | None) -> tuple[str, ...]:
+def _hold_estimators(
+    name: str,
+    estimators: tuple[str, ...],
+    sessions: list[dict[str, Any]],
+    expect: list[str] | None,
+    junit: Path | None,
+) -> None:
+    """Hold expectations against each estimator in each session."""
+    from companion.replay.expect import hold, parse
+
+    expectations = parse(expect or [])
+    rows = [(each["session"], row) for each in sessions for row in each["results"]]
+    outcomes = [
+        outcome
+        for number, row in rows
+        if row["label"] in estimators
+        for outcome in hold(f"{name} session {number} {row['label']}", expectations, row)
+    ]
+    conclude("kollsman compare", outcomes, junit)
+
+
+def _estimators(names: list[str] | None, expect: list[str] | None) -> tuple[str, ...]:
+    """The estimators to run. A mistake in them or in --expect is told before the log is read."""
     from companion.estimators import ESTIMATORS
+    from companion.replay.expect import parse
 
+    parse(expect or [])
     for name in names or []:
         if name not in ESTIMATORS:
             known = ", ".join(ESTIMATORS)

@@ -689,11 +689,11 @@ def replay_memory(small: Path) -> list[Row]:
 
 
 def batches(count: int = 200) -> list[Row]:
-    """A folder of `count` logs of a minute each, by one worker and by two."""
+    """A folder of `count` logs of five minutes each, by one worker and by two."""
     from companion.replay.batch import run_batch
 
     with tempfile.TemporaryDirectory() as folder:
-        profile = [{"leg": "wait", "duration_s": 60.0}]
+        profile = [{"leg": "wait", "duration_s": 300.0}]
         scenario = Scenario.model_validate(
             {"name": "stand", "summary": "of the benchmark", "profile": profile}
         )
@@ -703,9 +703,11 @@ def batches(count: int = 200) -> list[Row]:
             os.link(paths[0], path)
 
         def work(workers: int) -> None:
-            run_batch(paths, Path(folder) / f"by{workers}", workers=workers)
+            table = run_batch(paths, Path(folder) / f"by{workers}", workers=workers)
+            assert len(table) == count
+            assert all(row["error"] is None for row in table)
 
-        return by_workers(f"batch of {count} logs", work, "1.8 x")
+        return by_workers(f"batch of {count} logs of 5 minutes", work, "1.8 x")
 
 
 def spent(action: Callable[[], object]) -> float:

@@ -40,7 +40,7 @@ def singles(columns: Readings) -> Iterator[Reading]:
         yield Reading(kind, base, stamp_us, instance, tuple(each))
 
 
-class _Fields:
+class Fields:
     """The columns of a message kind as attributes: floats in double precision."""
 
     def __init__(self, columns: Array) -> None:
@@ -86,7 +86,7 @@ class Columns:
 def readings_of(converter: Converter, columns: Array) -> Iterator[Readings]:
     """The readings of the messages in `columns`, a structured array with the fields' names."""
     with np.errstate(invalid="ignore", over="ignore"):  # a signalling NaN, a float near the largest
-        found: Any = converter(_Fields(columns), Columns)
+        found: Any = converter(Fields(columns), Columns)
     for each in found:
         where, reading = each if isinstance(each, _Some) else (True, each)
         yield _rows(reading, np.flatnonzero(np.broadcast_to(where, columns.shape)), columns.size)

@@ -28,8 +28,9 @@ from companion.intake.receiver_steps import (
     number,
     pressure_works,
 )
-from companion.intake.row_steps import LARGEST_DOUBT_M, RIGHT, UNSETTLED, air_time
+from companion.intake.row_steps import DOUBTED, LARGEST_DOUBT_M, RIGHT, UNSETTLED, air_time
 from companion.intake.screen_steps import baro_m, judge_fix, judge_pressure
+from companion.intake.simulation import is_met, note_fix
 from companion.jit import step
 from companion.known_air import is_due as is_air_due
 from companion.mavlink import altitude_steps
@@ -99,6 +100,7 @@ class Intaking(NamedTuple):
     screen_params: Rows
     known_air: Rows
     at_rest: Rows
+    simulation: Rows
     receivers: tuple[Rows, Rows, Rows, Rows]
     primaries: tuple[Rows, Rows]
     counts: Rows
@@ -166,6 +168,7 @@ def take_in(
     count : of samples in the order.
     """
     changes, wrong = s.screen[0].changes, s.clock[0].wrong_units
+    doubted = s.row_params[0].equal_heights == DOUBTED
     for f in range(start, stop):
         item = items[f]
         if item.what == PYTHON:
@@ -175,6 +178,9 @@ def take_in(
         item.now_us = s.clock[0].now_us
         if item.what == TRUTH:
             item.a_us = item.now_us
+        is_truth = item.what in (TRUTH, RECORDED_TRUTH)
+        if is_truth and doubted and is_met(s.simulation, item.altitude_m):
+            return f, count
         for r in range(item.first, item.first + item.count):
             reading = readings[r]
             effect, time_us = place(
@@ -273,6 +279,7 @@ def _check_fix(fix: Rows, s: Intaking, above_m: float) -> bool:
             if meaning == UNSETTLED or receiver[0].doubts == DOUBTS_MIN - 1:
                 return True
             if abs(above_m) >= LEAST_UNDULATION_M:
+                note_fix(s.simulation, fix[0].altitude_amsl_m, above_m)
                 doubt(receiver, fix, above_m)
         check_unreported(receiver, fix, height_m)
     return number(s.primaries[1], fix, fix_works(fix))

@@ -13,11 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.intake import SampleReject
-from companion.intake.receiver_steps import LEAST_UNDULATION_M
 from companion.intake.row_steps import DOUBTED, RIGHT, UNSETTLED
 from companion.mavlink.altitude_steps import ALTITUDE
 from companion.mavlink.codec import Frame, decode, mavlink
-from companion.mavlink.convert import TRUTHS
 from companion.mavlink.identity import Origin
 from companion.mavlink.record_scan import INDEX
 from companion.observer import Block, BlockObserver
@@ -41,7 +39,7 @@ from companion.replay.columns import (
     sent_by,
     stations,
 )
-from companion.samples import ESTIMATE, Kind, Rows, Tables, Verdict, readable, rows
+from companion.samples import ESTIMATE, Kind, Rows, Verdict, readable, rows
 
 SMALLEST, LARGEST = 64, 1 << 14
 """frames of a piece: fewer where many are left to the pipeline"""
@@ -92,7 +90,7 @@ class BlockRunner:
     def compile(self) -> None:
         """Compile the loops, by an empty block."""
         none: frozenset[int] = frozenset()
-        speaker = Speaker((1, 1), (1, 191), 0, 0, None, none, none, False, "none", 0, 0)
+        speaker = Speaker((1, 1), (1, 191), 0, 0, None, none, none, "none", 0, 0)
         times_us = np.zeros(0, np.int64)
         nothing = Batch(times_us, times_us, 0, b"", rows(INDEX, 0))
         self._loops(arrays_of(nothing, 0, speaker, None), 0, 0)
@@ -146,8 +144,7 @@ class BlockRunner:
             identity.vehicle_type,
             pipeline.readings.imu.scale(identity.autopilot),
             pipeline.wanted - ({SIMSTATE} if simulation.is_flat else set()),
-            frozenset(pipeline.listeners) | (TRUTHS.keys() if simulation.in_question else set()),
-            simulation.in_question,
+            frozenset(pipeline.listeners),
             pipeline.settings.intake.air_temperature,
             self._equal_heights(),
             session,
@@ -243,6 +240,7 @@ class BlockRunner:
             intake.datum.params,
             pipeline.air.state,
             pipeline.air.at_rest.state,
+            intake.simulation.state,
             (one, two, three, four),
             (pressure, gnss),
             self._counts,
@@ -300,8 +298,6 @@ class BlockRunner:
                 pipeline.intake.counters[cause] += number
         if pipeline.estimates:
             pipeline.filter.estimate[:] = piece.estimates[piece.size :]
-        if pipeline.intake.params["equal_heights"][0] == DOUBTED:
-            self._note_doubt(readings, arrays.tables)
         if pipeline.health.is_vehicle_silent:  # who else is heard at the end of the piece
             self.flush()
             pipeline.age(int(items["arrival_us"][-1]))
@@ -320,17 +316,6 @@ class BlockRunner:
                 piece.published,
             )
         )
-
-    def _note_doubt(self, readings: Rows, tables: Tables) -> None:
-        """The last fix with equal heights, for the vehicle's truth to meet."""
-        equal = readings[np.isfinite(np.asarray(readings["above_m"])) & (readings["place"] >= 0)]
-        equal = equal[np.abs(equal["above_m"]) >= LEAST_UNDULATION_M]
-        fixes = tables.gnss[equal["row"]]
-        doubted = np.flatnonzero(np.isfinite(np.asarray(fixes["datum_sd_m"])))
-        if doubted.size:
-            fix, above_m = fixes[doubted[-1]], float(equal["above_m"][doubted[-1]])
-            height_m = float(fix["altitude_ellipsoid_m"])
-            self.pipeline.intake.simulation.equal_heights(height_m, above_m)
 
     def flush(self) -> None:
         """Count what was taken since the last time, by sender and kind."""

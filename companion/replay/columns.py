@@ -1,6 +1,7 @@
 """A batch of a log as the arrays that the compiled loops take (`companion.replay.block_steps`):
 items, their readings, and the sample rows to fill."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -17,7 +18,8 @@ from companion.mavlink.columns import columns
 from companion.mavlink.convert import Converter
 from companion.mavlink.identity import SIGNING_TIMEOUT_US, VEHICLE_TYPES
 from companion.mavlink.imu import ImuSelector
-from companion.mavlink.reading_columns import LARGEST_STAMP_US, Readings, readings_of
+from companion.mavlink.own_heights import own_heights
+from companion.mavlink.reading_columns import LARGEST_STAMP_US, Fields, Readings, readings_of
 from companion.mavlink.requests import REQUESTS
 from companion.recorded import Batch
 from companion.replay.block_steps import (
@@ -46,6 +48,7 @@ WHAT = {
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: OWN_HEIGHT,
     mavlink.MAVLINK_MSG_ID_ALTITUDE: ALTITUDE_HEARD,
     mavlink.MAVLINK_MSG_ID_SIM_STATE: TRUTH,
+    mavlink.MAVLINK_MSG_ID_HIL_STATE_QUATERNION: TRUTH,
 }
 """messages that do more than their readings"""
 Beat = tuple[int, int, int, int]
@@ -63,8 +66,6 @@ class Speaker:
     imu_scale: float | None
     wanted: frozenset[int]
     listened: frozenset[int]
-    asks_truth: bool
-    """whether the truth of a simulator tells what the heights of fixes are"""
     air_temperature: str
     equal_heights: int
     """as `companion.intake.row_steps` has it"""
@@ -121,7 +122,6 @@ def arrays_of(batch: Batch, first: int, speaker: Speaker, signed_us: int | None)
         items["a_us"][heights.places] = heights.rows["time_us"]
         items["altitude_m"][heights.places] = heights.rows["altitude_amsl_m"]
         items["climb_mps"][heights.places] = heights.rows["climb_mps"]
-        special[heights.places] |= heights.is_truth and speaker.asks_truth
     items["what"][special] = PYTHON
     doubted = speaker.equal_heights == DOUBTED
     return _merged(items, found, np.flatnonzero(special), doubted=doubted)
@@ -165,7 +165,7 @@ def _of_frames(
         table = columns(data, index[where], message_id)
         if message_id == HEARTBEAT:
             is_odd[where] |= _new_beats(table, speaker)
-        _fill_items(items, places[where], table, WHAT.get(message_id, PLAIN))
+        _fill_items(items, places[where], table, message_id)
         of_messages = (each for make in converter for each in readings_of(make, table))
         found += [(message_id, r._replace(places=places[where[r.places]])) for r in of_messages]
     special[places] = is_odd
@@ -244,22 +244,25 @@ def _new_beats(table: NDArray[Any], speaker: Speaker) -> NDArray[np.bool_]:
     return new
 
 
-def _fill_items(items: Rows, where: NDArray[np.int64], table: NDArray[Any], what: int) -> None:
+def _fill_items(
+    items: Rows, where: NDArray[np.int64], table: NDArray[Any], message_id: int
+) -> None:
     """What a message says beside its readings."""
+    what, fields = WHAT.get(message_id, PLAIN), Fields(table)
     items["what"][where] = what
     if what == SYSTEM_TIME:
         largest = np.uint64(LARGEST_STAMP_US)
-        items["a_us"][where] = np.minimum(table["time_unix_usec"], largest)
-        items["b_us"][where] = table["time_boot_ms"].astype("i8") * 1000
+        items["a_us"][where] = np.minimum(fields.time_unix_usec, largest)
+        items["b_us"][where] = fields.time_boot_ms * 1000
     elif what == OWN_HEIGHT:
-        items["a_us"][where] = table["time_boot_ms"].astype("i8") * 1000
-        items["altitude_m"][where] = table["alt"] * 1e-3
-        items["above_home_m"][where] = table["relative_alt"] * 1e-3
-        items["climb_mps"][where] = table["vz"] * -0.01
+        time_us, altitude_m, climb_mps = convert.global_position(fields)
+        items["a_us"][where], items["altitude_m"][where] = time_us, altitude_m
+        items["climb_mps"][where] = climb_mps
+        items["above_home_m"][where] = own_heights(fields).height_above_home_m
     elif what == TRUTH:
         with np.errstate(invalid="ignore"):  # a signalling NaN
-            items["altitude_m"][where] = table["alt"]
-            items["climb_mps"][where] = -table["vd"]
+            altitude_m, climb_mps = convert.TRUTHS[message_id](fields) or (math.nan, math.nan)
+        items["altitude_m"][where], items["climb_mps"][where] = altitude_m, climb_mps
 
 
 def _merged(items: Rows, found: list[Found], python: NDArray[np.int64], *, doubted: bool) -> Arrays:

@@ -6,12 +6,14 @@ import re
 import shutil
 import subprocess
 import sys
+import textwrap
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import companion
+import companion.api
 from companion.errors import ConfigError
 from companion.samples import Kind
 from tests import logfiles
@@ -55,6 +57,32 @@ def test_a_log_as_arrays(log: Path) -> None:
         companion.run_estimator(flight, "adaptive-fusion", no_such_key=1)
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        re.findall(
+            r"```python\n(import companion\n.*?)```",
+            (ROOT / "docs/estimators.md").read_text(encoding="utf-8"),
+            re.DOTALL,
+        )[0],
+        textwrap.dedent((companion.api.__doc__ or "").split("::\n")[1].split("Everything")[0]),
+    ],
+    ids=["docs/estimators.md", "companion/api.py"],
+)
+def test_the_examples_of_the_library_run_as_written(
+    text: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Word for word, beside a log of the name that they read."""
+    path, _ = logfiles.write("bin", tmp_path, imu_hz=0.0, duration_s=40.0)
+    path.rename(tmp_path / "flight.BIN")
+    monkeypatch.chdir(tmp_path)
+    exec(compile(text, "example", "exec"), {})
+    assert capsys.readouterr().out.startswith("(7, 1) [")
+
+
 def test_the_example_of_the_docs_is_an_estimator_by_its_entry_point(
     log: Path, tmp_path: Path
 ) -> None:
@@ -76,6 +104,14 @@ def test_the_example_of_the_docs_is_an_estimator_by_its_entry_point(
     result = json.loads(done.stdout)["sessions"][0]["results"][0]
     assert result["label"] == "mean-offset"
     assert result["rmse_m"] < 5.0
+    done_wrong = python(
+        *("-m", "companion.cli", "compare", log, "--estimator", "mean-offset"),
+        *("--expect", "max<0.001", "--junit", tmp_path / "out.xml"),
+        path=tmp_path,
+    )
+    assert done_wrong.returncode == 3
+    assert "mean-offset: max<0.001 NOT met" in done_wrong.stderr
+    assert 'failures="1"' in (tmp_path / "out.xml").read_text()
     assert "broken:METHOD cannot be loaded: no such sensor" in done.stderr
 
 

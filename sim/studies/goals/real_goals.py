@@ -108,7 +108,6 @@ def _sent_goals(own: Sequence[Row]) -> list[Measured]:
     wrong = sum(row["sent_wrong"] for row in own)
     hours = sum(row["hours"] for row in own)
     exceedances = sum(row["exceedances"] for row in own)
-    fast = [row for row in own if row["imu_hz"] == 50]
     return [
         Measured("real-sent", "least share", -100.0 * least, None, 98.0, "%", note=where),
         Measured("real-sent", "> 50 m wrong", wrong, 0.0, note=f"of {sent}"),
@@ -123,11 +122,20 @@ def _sent_goals(own: Sequence[Row]) -> list[Measured]:
             ALLOWED_ABOVE,
             note=f"{above} of {sent}; {exceedances} exceedances in {hours:.0f} h",
         ),
-        Measured(
-            "real-cost", "", mean(fast, lambda row: row["cost_us"]), 4.0, unit="us",
-            note="depends on the machine and its load",
-        ),
-    ]  # fmt: skip
+        _cost_goal([row for row in own if row["imu_hz"] == 50 and "imu_cost_us" in row]),
+    ]
+
+
+def _cost_goal(fast: Sequence[Row]) -> Measured:
+    """The least processor time of the runs of a flight, as other load on the machine adds to it;
+    of the flight where that is largest."""
+    least = [
+        (min(row["imu_cost_us"] for row in each), flight)
+        for (flight,), each in group(fast, "flight").items()
+    ]
+    cost_us, flight = max(least, default=(math.nan, ""))
+    note = f"{flight}: whole loop over its IMU samples, least of its runs; depends on the machine"
+    return Measured("real-cost", "IMU sample", cost_us, 4.0, unit="us", note=note)
 
 
 def _takeoff_goals(rows: Sequence[Row]) -> list[Measured]:

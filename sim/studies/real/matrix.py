@@ -184,6 +184,9 @@ def measures(log: SampleLog, estimator: str, settle_s: float = SETTLE_S) -> Row:
         "hours": kept.hours if kept else math.nan,
         "takeoff_rmse_m": _takeoff_rmse_m(said, ticks, truth_us, truth_m, truth_climb),
         "cost_us": said.cost_us,
+        "imu_cost_us": said.cost_us * len(log) / log[Kind.IMU].size
+        if log[Kind.IMU].size
+        else math.nan,
     }
     return row | _raw(log, start_us, truth_us, truth_m) | _sent(said, error_m, start_us)
 

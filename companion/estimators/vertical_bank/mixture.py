@@ -44,9 +44,9 @@ W, GN, BA, MO, BO, RE, N = 0, 3, 7, 10, 11, 13, 15
 LEAST = 1e-8
 """probability below which a hypothesis is dropped"""
 LONGEST_STEP_S, MOST_STEPS = 10.0, 100
-PLAY_M, LAYER_M = 25.0, 5.0
-"""The offset follows the scale in steps of 5 m, and 25 m behind a height that turns: what goes with
-small ups and downs, such as airspeed, must not be learned as scale."""
+PLAY_M, LAYER_M = 12.0, 5.0
+"""The offset follows the scale in steps of 5 m, and 12 m behind a height that turns: what goes with
+small ups and downs, such as airspeed in a phugoid of 10 m, must not be learned as scale."""
 SOFT_SIGMA = 3.0
 """no single barometer height moves a channel by more than this many sigma"""
 HARD, SOFT, EXPLAINED = 0, 1, 2

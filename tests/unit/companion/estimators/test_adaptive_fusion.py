@@ -115,7 +115,8 @@ class TestBetweenFixes:
         offset_m, first_sd_m = altitude_m(running) - 500.0, sd_m(running)
         running.step(Kind.PRESSURE, pressure(600_000_000, 700.0))
         assert altitude_m(running) - 700.0 == pytest.approx(offset_m, abs=1e-9)
-        grown_m = math.hypot(600.0 * 31.0 / 3600.0, 0.035 * 200.0)  # weather; 200 m of column
+        jump_line_m = 12.5 * (1.0 - math.exp(-600.0 / 300.0))
+        grown_m = math.hypot(600.0 * 31.0 / 3600.0, jump_line_m, 0.035 * 200.0)  # 200 m of column
         assert sd_m(running) == pytest.approx(math.hypot(first_sd_m, grown_m), rel=1e-9)
 
     def test_a_late_fix_meets_the_barometer_of_its_own_time(self) -> None:

@@ -5,8 +5,9 @@ It shares nothing with an estimator. An altitude is supported near the barometer
 near either once a receiver that jumped has stayed where it went; by none once they are 25 m apart
 and the faulty one is not known. An altitude that is not supported is not published. An estimator
 that was supported, and is not for 10 s while the sensors agree within 10 m, and differ by what they
-did while it was supported, is restarted: once, until it was supported for 10 s again. One that
-doubts a sensor which slides away must not be: it would forget the doubt and follow.
+did while it was supported (for 300 s when they differ by something else), is restarted: once, until
+it was supported for 10 s again. One that doubts a sensor which slides away must not be: it would
+forget the doubt and follow.
 
 It fails when both sensors are wrong alike, or when the barometer shifts while there is no GNSS.
 """
@@ -40,6 +41,8 @@ RESTART_US = 10_000_000
 USUAL_S = 300.0
 """A difference of the two heights that lasts for as long is the usual one: longer than the slow
 error of a receiver (250 s)."""
+UNUSUAL_US = 300_000_000
+"""The sensors differ by something else, and agree on it for as long: then it is the usual one."""
 NEVER_US = -(1 << 62)
 
 NO_OBJECTION, APART, CONTRADICTS, ELLIPSOID = 0, 1, 2, 3
@@ -144,12 +147,13 @@ def asks_restart(c: Rows, a: Rows, now_us: int, supported: bool) -> bool:
             c[0].is_armed = 1
         return False
     c[0].supported_us = NEVER_US
-    is_close = a[0].agree and abs(a[0].gap_m) <= LEVEL_M and _is_usual(c, a)
+    is_close = a[0].agree and abs(a[0].gap_m) <= LEVEL_M
+    patience_us = RESTART_US if _is_usual(c, a) else UNUSUAL_US
     if not is_close or now_us - a[0].gnss_us > FRESH_US:
         c[0].unsupported_us = NEVER_US
     elif c[0].unsupported_us == NEVER_US:
         c[0].unsupported_us = now_us
-    elif c[0].is_armed == 1 and now_us - c[0].unsupported_us >= RESTART_US:
+    elif c[0].is_armed == 1 and now_us - c[0].unsupported_us >= patience_us:
         c[0].is_armed, c[0].unsupported_us = 0, NEVER_US
         c[0].restarts += 1
         return True

@@ -276,12 +276,17 @@ def test_who_keeps_the_height_of_before_a_gnss_jump_stays_supported(
 @given(seeds)
 def test_an_estimator_that_doubts_a_receiver_that_slides_away_is_not_restarted(seed: int) -> None:
     """It forgot the doubt, took the false height for the first, and published 64 m of error. One
-    that doubts while the sensors agree is restarted after ten seconds, as before."""
-    for slides_m, restarts in ((15.0, False), (0.0, True)):
+    that doubts while the sensors agree is restarted after ten seconds, and after five minutes in
+    which they agree on another difference: it stayed LOST for the rest of a flight."""
+    for slides_m, lasts_s, restarts in (
+        (15.0, 100.0, False),
+        (15.0, 380.0, True),
+        (0.0, 100.0, True),
+    ):
         checker = Checker()
         random = np.random.default_rng(seed)
         asked = False
-        for k in range(400):
+        for k in range(round(4 * lasts_s)):
             time_s = 10.0 + k / 4.0
             pressure_pa = float(standard_pressure_pa(np.array(300.0), SEA_LEVEL_PA))
             checker.sample(

@@ -280,7 +280,7 @@ def test_an_estimator_that_doubts_a_receiver_that_slides_away_is_not_restarted(s
     which they agree on another difference: it stayed LOST for the rest of a flight."""
     for slides_m, lasts_s, restarts in (
         (15.0, 100.0, False),
-        (15.0, 380.0, True),
+        (15.0, 700.0, True),
         (0.0, 100.0, True),
     ):
         checker = Checker()

@@ -79,7 +79,7 @@ def take(
     clock = viewed(parts, AT_CLOCK, CLOCK, 1)
     clock_params = viewed(parts, AT_CLOCK_PARAMS, CLOCK_PARAMS, 1)
     bits, floats = viewed(parts, AT_BITS, U4, 1), viewed(parts, AT_FLOATS, F4, 1)
-    base, stamp_us = plan[0].base, stamp_of(data, plan)
+    base, stamp_us = plan[0].counts_from, stamp_of(data, plan)
     if not is_near(clock, clock_params, base, stamp_us) or not is_plain(data, plan, bits, floats):
         return NOT_TAKEN
     values = viewed(parts, AT_VALUES, F8, MOST_FIELDS)

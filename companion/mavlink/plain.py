@@ -112,7 +112,7 @@ def _fill(plan: Record, message_id: int, converter: Converter) -> None:
     plan["message_id"], plan["crc_extra"] = message_id, CRC_EXTRA[message_id]
     plan["kind"], plan["instance"] = reading.kind, reading.instance
     plan["rank"] = ImuSelector.rank(message_id, reading.instance)
-    plan["base"], plan["stamp_us"] = BASES[reading.base], reading.stamp_us.scale
+    plan["counts_from"], plan["stamp_us"] = BASES[reading.base], reading.stamp_us.scale
     plan["stamp"] = _field(wire, reading.stamp_us)
     plan["zero"] = _field(wire, second[0]) if second else (0, 0, 0)
     terms = _terms(reading.values)

@@ -15,14 +15,14 @@ MOST_FIELDS = 6
 IDS = 256
 """ids of plain messages are below this"""
 
-FIELD = np.dtype([("at", "i8"), ("size", "i8"), ("form", "i8")], align=True)
-"""Where a field is in the payload; a size of 0 is none."""
+FIELD = np.dtype([("at", "i8"), ("width", "i8"), ("form", "i8")], align=True)
+"""Where a field is in the payload; a width of 0 is none."""
 PLAN = np.dtype(
     [
         ("message_id", "i8"),
         ("crc_extra", "i8"),
         ("kind", "i8"),
-        ("base", "i8"),
+        ("counts_from", "i8"),
         ("instance", "i8"),
         ("rank", "i8"),  # of an IMU message; -1 none
         ("stamp", FIELD),
@@ -82,7 +82,7 @@ def stamp_of(data: Rows, plan: Rows) -> int:
 def is_plain(data: Rows, plan: Rows, bits: Rows, floats: Rows) -> bool:
     """Whether the message holds no second sample; `bits` (uint32) and `floats` (float32), shape
     (1,), are the same memory."""
-    if plan[0].zero.size == 0:
+    if plan[0].zero.width == 0:
         return True
     value = _number(data, plan[0].zero, bits, floats)
     return value == 0.0 or not math.isfinite(value)
@@ -111,10 +111,10 @@ def _integer(data: Rows, field: Record) -> int:
     """An integer, little-endian; zeros at the end of a payload are not sent. Negative where it does
     not fit into 63 bits."""
     value, end = 0, data.shape[0] - CHECKSUM
-    for i in range(field.size):
+    for i in range(field.width):
         at = V2_HEADER + field.at + i
         if at < end:
             value |= int(data[at]) << 8 * i
-    if field.form == SIGNED and value >> (8 * field.size - 1) & 1:
-        value -= 1 << 8 * field.size
+    if field.form == SIGNED and value >> (8 * field.width - 1) & 1:
+        value -= 1 << 8 * field.width
     return value

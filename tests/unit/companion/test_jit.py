@@ -2,7 +2,9 @@
 uncompiled result."""
 
 import ctypes
+import importlib
 import os
+import pkgutil
 import shutil
 import subprocess
 import sys
@@ -227,3 +229,13 @@ def test_compiled_and_uncompiled_agree_bit_for_bit(tmp_path: Path, name: str) ->
             estimator
         )
         assert state.tobytes() == uncompiled[f"{estimator} state"].tobytes(), estimator
+
+
+def test_no_field_of_a_record_has_the_name_of_an_attribute() -> None:
+    """Compiled, ``record.size`` is the field; uncompiled, it is NumPy's own attribute."""
+    attributes = set(dir(np.record))
+    for module in pkgutil.walk_packages(companion.__path__, "companion."):
+        for name, value in vars(importlib.import_module(module.name)).items():
+            if isinstance(value, np.dtype):
+                hidden = attributes.intersection(value.names or ())
+                assert not hidden, f"{module.name}.{name}: {hidden}"

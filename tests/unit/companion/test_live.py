@@ -1,6 +1,10 @@
 """The live path: which messages it takes, and that it gives what the pipeline gives for the rest of
 them (tests/scenarios/test_replay_equals_live.py compares whole flights)."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -94,3 +98,14 @@ def test_another_vehicle_and_a_branch_have_arrays_of_their_own() -> None:
     assert pipeline.filter.state.tobytes() == before != branch.filter.state.tobytes()
     pipeline.feed(late)
     assert pipeline.filter.state.tobytes() == branch.filter.state.tobytes()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif("NUMBA_DISABLE_JIT" in os.environ, reason="this is the uncompiled run")
+def test_uncompiled_it_is_the_same() -> None:
+    files = [__file__, str(Path(__file__).parent / "mavlink" / "test_plain.py")]
+    subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", *files],
+        env=os.environ | {"NUMBA_DISABLE_JIT": "1"},
+        check=True,
+    )

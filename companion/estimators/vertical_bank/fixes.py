@@ -139,7 +139,8 @@ def hear_fix(state: Rows, params: Rows, sample: Rows, fix_m: float, late_s: floa
         wrong = heaviest_accuser(s.bank)
         if discredit(s.gnss, p, fix_type, s.bank.x[wrong, GNSS_BIAS], s.bank.now_us):
             drop_gnss_faults(s.bank)
-    if s.baro.seen == 1 and (elapsed_s > OUTAGE_S or s.gnss.against_m > 0.0):
+    is_undecided = s.gnss.against_m > 0.0 or slides_unseen(s.bank)
+    if s.baro.seen == 1 and (elapsed_s > OUTAGE_S or is_undecided):
         s.bank.H[GNSS_BIAS] = 0.0
         s.gnss.against_m = contradiction_m(s.bank, fix_m, R + s.bank.slow_m2)
     fuse_climb(state, params, sample[0].climb_mps, late_s)
@@ -178,6 +179,14 @@ def watch_manoeuvre(state: Rows, params: Rows, fix_type: int, R: float, elapsed_
         return
     S = R + expected_variance(s.bank, s.bank.H)
     learn_manoeuvre(s.imu, p, elapsed_s, s.gnss.innovation_m * s.gnss.innovation_m / S)
+
+
+@step
+def slides_unseen(bank: Record) -> bool:
+    """Whether the receiver is said to slide, and no IMU denies that the vehicle does: a barometer
+    whose port is blocked shows the same, for as long."""
+    wrong = heaviest_accuser(bank)
+    return bank.blind == 1 and bank.weight[wrong] > 0.5 and bank.jumped[wrong] == 0
 
 
 @step

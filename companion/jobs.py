@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from companion.errors import ConfigError, KollsmanError
+from companion.output import quiet
 
 Row = dict[str, Any]
 Job = TypeVar("Job")
@@ -157,8 +158,8 @@ def _told(error: Exception) -> str:
 
 def quietly(function: Function[Job, Result], job: Job) -> Result:
     """What the companion logs of one of many jobs is not news."""
-    logging.getLogger("kollsman").setLevel(logging.CRITICAL)
-    return function(job)
+    with quiet(logging.CRITICAL):
+        return function(job)
 
 
 @contextmanager

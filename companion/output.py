@@ -10,6 +10,8 @@ import logging
 import os
 import select
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from typing import Any
 
@@ -147,6 +149,18 @@ def set_up_logging(level: int) -> None:
     root.handlers = [each for each in root.handlers if not isinstance(each, LogHandler)]
     root.addHandler(handler)
     root.setLevel(level)
+
+
+@contextmanager
+def quiet(level: int) -> Iterator[None]:
+    """Within it, the companion logs only what is at least of this level."""
+    logger = logging.getLogger("kollsman")
+    before = logger.level
+    logger.setLevel(level)
+    try:
+        yield
+    finally:
+        logger.setLevel(before)
 
 
 def use_json() -> None:

@@ -8,6 +8,7 @@ import os
 from companion.estimators import DEFAULT_ESTIMATOR, ESTIMATORS, run_log
 from companion.jobs import executor_of, results, run
 from companion.mavlink.codec import Encoder, Message, mavlink
+from companion.output import quiet
 from companion.pipeline import Pipeline
 from companion.samples import Packet, SampleLog
 from companion.settings import CompanionSettings
@@ -19,26 +20,27 @@ RATE_HZ = 4
 
 def warm_up(settings: CompanionSettings) -> None:
     """Run a few seconds of a vehicle that stands still through a throw-away pipeline."""
-    logging.getLogger("kollsman").setLevel(logging.ERROR)
-    pipeline = Pipeline(settings)
-    vehicle = Encoder(settings.vehicle.system_id or 1, 1)
-    for tick in range(SECONDS * RATE_HZ):
-        boot_ms = 1000 + tick * 1000 // RATE_HZ
-        messages = [
-            mavlink.MAVLink_heartbeat_message(1, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, 3, 3),
-            mavlink.MAVLink_attitude_message(boot_ms, 0, 0, 0, 0, 0, 0),
-            mavlink.MAVLink_raw_imu_message(boot_ms * 1000, 0, 0, -1000, 0, 0, 0, 0, 0, 0),
-            mavlink.MAVLink_scaled_pressure_message(boot_ms, 1013.25, 0.0, 2500),
-            mavlink.MAVLink_gps_raw_int_message(
-                boot_ms * 1000, 3, 1, 1, 500, 100, 150, 0, 0, 10, 17_500, 1000, 2000, 100, 0
-            ),
-        ]
-        if tick == SECONDS * RATE_HZ - 1:
-            messages += rare_messages(boot_ms)
-        for message in messages:
-            pipeline.feed(Packet(boot_ms * 1000, vehicle.encode(message)))
-    pipeline.flush(0)
-    logging.getLogger("kollsman").setLevel(logging.NOTSET)
+    with quiet(logging.ERROR):
+        pipeline = Pipeline(settings)
+        vehicle = Encoder(settings.vehicle.system_id or 1, 1)
+        for tick in range(SECONDS * RATE_HZ):
+            boot_ms = 1000 + tick * 1000 // RATE_HZ
+            messages = [
+                mavlink.MAVLink_heartbeat_message(
+                    1, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, 3, 3
+                ),
+                mavlink.MAVLink_attitude_message(boot_ms, 0, 0, 0, 0, 0, 0),
+                mavlink.MAVLink_raw_imu_message(boot_ms * 1000, 0, 0, -1000, 0, 0, 0, 0, 0, 0),
+                mavlink.MAVLink_scaled_pressure_message(boot_ms, 1013.25, 0.0, 2500),
+                mavlink.MAVLink_gps_raw_int_message(
+                    boot_ms * 1000, 3, 1, 1, 500, 100, 150, 0, 0, 10, 17_500, 1000, 2000, 100, 0
+                ),
+            ]
+            if tick == SECONDS * RATE_HZ - 1:
+                messages += rare_messages(boot_ms)
+            for message in messages:
+                pipeline.feed(Packet(boot_ms * 1000, vehicle.encode(message)))
+        pipeline.flush(0)
     if not math.isfinite(float(pipeline.estimate["altitude_amsl_m"][0])):
         raise AssertionError("the warm-up did not reach an estimate")
 

@@ -3,9 +3,14 @@
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from sim.flight import Flight
 from sim.scenario import load_scenario
+
+# A second try (`--reruns`) makes a new object of a test's class: no reason to fail.
+settings.register_profile("reruns", suppress_health_check=[HealthCheck.differing_executors])
+settings.load_profile("reruns")
 
 
 @pytest.fixture(scope="session")

@@ -38,11 +38,9 @@ LIMIT_M = 25.0
 """Largest distance of a supported altitude from a sensor: an error of 50 m must not be published,
 less 15 m of unobserved drift and 10 m of GNSS error."""
 RESTART_US = 10_000_000
-USUAL_S = 300.0
-"""A difference of the two heights that lasts for as long is the usual one: longer than the slow
-error of a receiver (250 s)."""
-UNUSUAL_US = 300_000_000
-"""The sensors differ by something else, and agree on it for as long: then it is the usual one."""
+USUAL_US = 300_000_000
+"""A difference of the two heights that lasts for as long is the usual one, and ends a doubt: longer
+than the slow error of a receiver (250 s)."""
 NEVER_US = -(1 << 62)
 
 NO_OBJECTION, APART, CONTRADICTS, ELLIPSOID = 0, 1, 2, 3
@@ -61,7 +59,7 @@ CHECKER = np.dtype(
         ("supported_us", "i8"),  # NEVER_US: not supported now
         ("unsupported_us", "i8"),
         ("usual_us", "i8"),  # newest compared; NEVER_US: none
-        ("usual_m", "f8"),  # difference of the two heights over `USUAL_S` of support
+        ("usual_m", "f8"),  # difference of the two heights over `USUAL_US` of support
     ],
     align=True,
 )
@@ -148,7 +146,7 @@ def asks_restart(c: Rows, a: Rows, now_us: int, supported: bool) -> bool:
         return False
     c[0].supported_us = NEVER_US
     is_close = a[0].agree and abs(a[0].gap_m) <= LEVEL_M
-    patience_us = RESTART_US if _is_usual(c, a) else UNUSUAL_US
+    patience_us = RESTART_US if _is_usual(c, a) else USUAL_US
     if not is_close or now_us - a[0].gnss_us > FRESH_US:
         c[0].unsupported_us = NEVER_US
     elif c[0].unsupported_us == NEVER_US:
@@ -169,7 +167,7 @@ def _follow_usual(c: Rows, a: Rows, now_us: int) -> None:
         return
     if c[0].usual_us == NEVER_US:
         c[0].usual_us, c[0].usual_m = now_us, difference_m
-    share = min(1.0, max(0, now_us - c[0].usual_us) * 1e-6 / USUAL_S)
+    share = min(1.0, max(0, now_us - c[0].usual_us) / USUAL_US)
     c[0].usual_us = now_us
     c[0].usual_m += share * (difference_m - c[0].usual_m)
 

@@ -246,8 +246,8 @@ class Flight:
         """Fly to the next second, to the end, or to where something on board reads the weather
         itself, and take the moments then."""
         moments, air_us = [], self._onboard.air_period_us
-        until_us = (self.time_us // _REPORT_US + 1) * _REPORT_US
-        until_us = min(until_us, self._onboard.reads_weather_us)
+        second_us = (self.time_us // _REPORT_US + 1) * _REPORT_US
+        until_us = min(second_us, self._onboard.reads_weather_us)
         try:
             while True:
                 idle = self.time_us % MOTION_US == 0 and (self.time_us + TICK_US) % air_us

@@ -131,7 +131,7 @@ def _show_fleet(table: "Sequence[dict[str, Any]]", top: int) -> None:
             f"{row['score_m']:.1f}",
             row["reason"],
         )
-    console = Console(width=None if sys.stdout.isatty() else 160)
+    console = Console(width=None if sys.stdout.isatty() else 160, markup=False)
     if read:
         console.print(shown)
     if len(read) > top:
@@ -140,4 +140,6 @@ def _show_fleet(table: "Sequence[dict[str, Any]]", top: int) -> None:
         if row["error"] is not None:
             print(f"not read: {Path(row['log']).name}: {row['error']}")
     wrong = sum(bool(row["wrong"]) for row in read)
-    print(f"{len(read)} sessions, {wrong} with a wrong altitude; {len(table) - len(read)} not read")
+    plural = "" if len(read) == 1 else "s"
+    unread = len(table) - len(read)
+    print(f"{len(read)} session{plural}, {wrong} with a wrong altitude; {unread} not read")

@@ -128,11 +128,14 @@ def _path(parts: Path | None, key: str, storage: Storage) -> Path | None:
 
 
 def _keep(path: Path, content: bytes) -> None:
-    """Write the result of a job; the file appears whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    """Write the result of a job; the file appears whole or not at all. Raises `ConfigError`."""
     partial = path.with_suffix(".partial")
-    partial.write_bytes(content)
-    partial.replace(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial.write_bytes(content)
+        partial.replace(path)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def results(done: Sequence[Done[Any, Result]]) -> list[Result]:

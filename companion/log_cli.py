@@ -131,7 +131,7 @@ def replay(
     speed: LogSpeedOption = "1",
 ) -> None:
     """Run logs through the same code as live, and report each session."""
-    _refuse_outputs(logs, out, csv, report, http)
+    _refuse_outputs(logs, out, csv, report, http, junit)
     settings = resolve_settings(config, estimator, changes)
     from companion.replay import expect as expecting
 
@@ -141,7 +141,12 @@ def replay(
     pages: list[Path] = []
     with log_page(http, speed, settings) as live:
         for log in logs:
-            found = _replay_one(log, settings, settle, csv, out, live, smoothing=smooth)
+            try:
+                found = _replay_one(log, settings, settle, csv, out, live, smoothing=smooth)
+            except LogFormatError as error:
+                reports.append(_unread(log, error, alone=len(logs) == 1))
+                outcomes += expecting.hold(log.name, expectations, None)
+                continue
             if report:
                 from companion.replay.reports import write_reports
 
@@ -153,19 +158,41 @@ def replay(
         if as_json:
             print(json.dumps(reports[0] if len(reports) == 1 else reports, indent=2))
         else:
-            for path in filter(None, (csv, out, *pages)):
-                print(f"wrote {path}")
+            print("".join(f"wrote {path}\n" for path in (csv, out, *pages) if path), end="")
         if live:
             live.stay()
     conclude("kollsman replay", outcomes, junit)
+    _refuse_unread(reports)
+
+
+def _refuse_unread(reports: list[dict[str, Any]]) -> None:
+    unread = sum("error" in each for each in reports)
+    if unread:
+        raise LogFormatError(f"{unread} of {len(reports)} logs could not be read: see above")
+
+
+def _unread(log: Path, error: LogFormatError, *, alone: bool) -> dict[str, Any]:
+    """The report of one of several logs that cannot be read; its reason is said at once. Raises
+    `error` where the log is alone."""
+    from companion.replay.schema import document
+
+    if alone:
+        raise error
+    print(f"kollsman: {error}", file=sys.stderr)
+    found: dict[str, Any] = document("replay", str(log), [], error=str(error))
+    return found
 
 
 def _refuse_outputs(
-    logs: list[Path], out: Path | None, csv: Path | None, report: Path | None, http: str | None
+    logs: list[Path],
+    out: Path | None,
+    csv: Path | None,
+    report: Path | None,
+    http: str | None,
+    junit: Path | None,
 ) -> None:
     """Refuse what cannot be written, before a log is read."""
-    for log in logs:
-        refuse_same(log, out, csv, report)
+    refuse_outputs(logs, out, csv, report, junit)
     if len(logs) > 1 and (out or csv or report or http):
         raise ConfigError(
             "--csv, --out, --report and --http take one log; name one, or use `kollsman batch`"
@@ -227,7 +254,7 @@ def compare(
 ) -> None:
     """Compare every estimator on one log with raw barometer, raw GNSS and the autopilot's
     altitude; --expect holds for each."""
-    refuse_same(log, plot, stanford, junit)
+    refuse_outputs([log], plot, stanford, junit)
     settings = resolve_settings(config, None, changes)
     names = _estimators(estimator, expect)
     compile_first(settings, *names)
@@ -301,11 +328,20 @@ def _numbered(path: Path, number: int, count: int) -> Path:
     return path if count == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")
 
 
-def refuse_same(log: Path, *outputs: Path | None) -> None:
-    """Raise `LogFormatError` when an output would replace the log."""
-    for output in outputs:
-        if output is not None and log.exists() and output.exists() and output.samefile(log):
-            raise LogFormatError(f"{output}: is the log itself; choose another name for the output")
+def refuse_outputs(logs: "Sequence[Path]", *outputs: Path | None) -> None:
+    """Raise `ConfigError` when an output would replace a log or another output, or has no
+    folder."""
+    seen: list[Path] = []
+    for output in filter(None, outputs):
+        if output.is_file() and any(log.exists() and output.samefile(log) for log in logs):
+            raise ConfigError(f"{output}: is the log itself; choose another name for the output")
+        if output.is_dir():
+            raise ConfigError(f"{output}: is a folder; name a file in it")
+        if not output.parent.is_dir():
+            raise ConfigError(f"{output}: the folder {output.parent} does not exist: create it")
+        if output.resolve() in seen and (output.is_file() or not output.exists()):
+            raise ConfigError(f"{output}: is named for two outputs; choose another name for one")
+        seen.append(output.resolve())
 
 
 def hold_log(name: str, log: Path, texts: list[str], junit: Path | None) -> None:
@@ -323,6 +359,8 @@ def conclude(name: str, outcomes: "Sequence[Outcome]", junit: Path | None) -> No
     """Say which expectations were not met, write the JUnit file, and exit with 3 if there were."""
     from companion.replay.expect import EXIT_WRONG, write_junit
 
+    if junit and not outcomes:
+        raise ConfigError("--junit is for the outcomes of --expect: give one, such as 'max<10'")
     if junit:
         write_junit(junit, name, outcomes)
     for each in outcomes:
@@ -340,7 +378,7 @@ def bar(name: str, total: float) -> "Iterator[Callable[[float], None]]":
 
     console = Console(stderr=True)
     columns = (
-        TextColumn(name),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         TextColumn("{task.percentage:3.0f} %"),
         TimeRemainingColumn(),

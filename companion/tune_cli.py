@@ -13,7 +13,7 @@ from companion.common_cli import (
     resolve_settings,
 )
 from companion.errors import ConfigError
-from companion.log_cli import LogsArgument, bar, refuse_same
+from companion.log_cli import LogsArgument, bar, refuse_outputs
 
 if TYPE_CHECKING:
     from companion.evaluation.identify import Identified
@@ -51,8 +51,8 @@ def tune(
 
     Judged on logs left out of the search; refused where the logs do not show them.
     """
+    refuse_outputs(logs, out)
     for log in logs:
-        refuse_same(log, out)
         _refuse_name(log)
     settings = resolve_settings(config, estimator, changes)
     compile_first(settings, settings.estimator)
@@ -111,8 +111,7 @@ def identify(
     not show is refused with the reason. Logs must be of one vehicle, flown without these parameters
     set.
     """
-    for log in logs:
-        refuse_same(log, out)
+    refuse_outputs(logs, out)
     settings = resolve_settings(config, None, changes)
     from companion.evaluation.identify import identify as find
     from companion.evaluation.identify import parameters

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from companion.errors import LogFormatError
 from companion.logs.raw import indexed
 from companion.logs.reader import LogReader
 from companion.mavlink.codec import Encoder, FrameReject, Message, mavlink
@@ -131,6 +132,11 @@ class TableReader(LogReader):
         self, path: Path, tables: Tables, size_bytes: int, counters: Counter[FrameReject]
     ) -> None:
         super().__init__(path)
+        if not tables.sensors:
+            raise LogFormatError(
+                f"{path}: no sensor in it that Kollsman reads, or none with a time since boot "
+                "(ArduCopter before 3.1 wrote none)"
+            )
         self.tables, self.counters, self.size_bytes = _since_start(tables), counters, size_bytes
 
     def batches(self) -> Iterator[Batch]:

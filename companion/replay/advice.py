@@ -32,7 +32,8 @@ def advice(found: dict[str, Any], doubt: str) -> Iterator[tuple[str, str]]:
     """
     own, health = found["own_altitude"], found["health"]
     if health["first_s"] is None:
-        if found["altitude"]["estimates"] and not found["gnss"].get("share_3d"):
+        used = found["gnss"].get("share_3d") and found["samples"].get("gnss", {}).get("used")
+        if found["altitude"]["estimates"] and not used:
             yield (
                 "note",
                 "To get an altitude, fly with a GNSS 3D fix, or give air.qnh_hpa or "

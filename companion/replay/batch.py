@@ -78,21 +78,20 @@ def _code_hash() -> str:
 
 def find_logs(places: Sequence[str]) -> list[Path]:
     """The logs in folders (searched to their depths), of patterns such as ``'logs/*.BIN'``, and
-    named. Raises `ConfigError` when there is none."""
+    named; each once. Raises `ConfigError` when there is none in one of `places`."""
     suffixes = {suffix for known in FORMATS.values() for suffix in known.suffixes}
-    found: set[Path] = set()
+    logs: set[Path] = set()
     for place in places:
         path = Path(place)
         if path.is_dir():
-            found |= {each for each in path.rglob("*") if each.suffix.lower() in suffixes}
-        elif path.exists():
-            found.add(path)
+            found = [each for each in path.rglob("*") if each.suffix.lower() in suffixes]
         else:
-            found |= set(map(Path, glob.glob(place, recursive=True)))
-    logs = sorted(each.resolve() for each in found if each.is_file())
-    if not logs:
-        raise ConfigError(f"no log in {', '.join(places)}; suffixes: {', '.join(sorted(suffixes))}")
-    return logs
+            found = [path] if path.exists() else [*map(Path, glob.glob(place, recursive=True))]
+        files = {each.resolve() for each in found if each.is_file()}
+        if not files:
+            raise ConfigError(f"no log in {place}; suffixes: {', '.join(sorted(suffixes))}")
+        logs |= files
+    return sorted(logs)
 
 
 def other_files(places: Sequence[str]) -> Counter[str]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from companion.errors import ConfigError, LogFormatError
+from companion.errors import ConfigError
 from companion.evaluation.metrics import Array, truth_at
 from companion.evaluation.smoother import Smoothed
 from companion.health import Health
@@ -84,15 +84,15 @@ def _held(times_us: Array, source_us: Array, values: Array) -> Array:
 
 
 def write(path: Path, tables: Iterable[Columns]) -> None:
-    """Write sessions to a .csv or .parquet. Raises `LogFormatError`, or `ConfigError` when Parquet
-    needs a package that is not there."""
+    """Write sessions to a .csv or .parquet. Raises `ConfigError` when the file cannot be written,
+    or Parquet needs a package that is not there."""
     try:
         if path.suffix.lower() == ".parquet":
             _write_parquet(path, list(tables))
         else:
             _write_csv(path, tables)
     except OSError as error:
-        raise LogFormatError(f"{path}: cannot be written: {error.strerror or error}") from None
+        raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def _write_csv(path: Path, tables: Iterable[Columns]) -> None:

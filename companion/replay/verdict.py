@@ -130,8 +130,15 @@ def _no_altitude(found: dict[str, Any]) -> str:
     elif found["gnss"]["share_3d"] == 0.0:
         why = "GNSS never had a 3D fix"
     else:
-        why = found["health"]["reason"]
+        why = _useless_receiver(found) or found["health"]["reason"]
     return f"No altitude in all of the session: {why}."
+
+
+def _useless_receiver(found: dict[str, Any]) -> str | None:
+    """What is wrong with the heights of a receiver of which none was used."""
+    if found["samples"].get("gnss", {}).get("used"):
+        return None
+    return next((note for note in found["notes"] if note.startswith("GNSS receiver")), None)
 
 
 def _late(found: dict[str, Any]) -> str:
@@ -205,10 +212,12 @@ def _at_rest(found: dict[str, Any]) -> Iterator[Finding]:
 def _origin(found: dict[str, Any]) -> Iterator[Finding]:
     without_s = found["own_altitude"].get("without_origin_s", 0.0)
     if without_s >= ORIGIN_S:
+        never = not found["own_altitude"]["span_s"]
+        when = "In all of the session" if never else f"For the first {without_s:.0f} s"
         yield _say(
             "warning",
-            f"For the first {without_s:.0f} s the autopilot sent its height above the start as its "
-            "altitude above sea level: it had no origin yet. Wait for its GNSS origin before "
+            f"{when} the autopilot sent its height above the start as its altitude above sea "
+            f"level: it had no origin{'' if never else ' yet'}. Wait for its GNSS origin before "
             "take-off.",
         )
 
@@ -217,6 +226,8 @@ def _origin(found: dict[str, Any]) -> Iterator[Finding]:
 
 
 def _barometer(found: dict[str, Any]) -> Iterator[Finding]:
+    if not found["samples"].get("pressure") and found["health"]["first_s"] is not None:
+        yield _say("warning", "There was no barometer.")
     barometer = found["barometer"]
     drift_m, range_m = barometer["drift_m"], barometer["range_m"]
     suspect_s = sum(e["duration_s"] for e in found["suspicions"] if e["sensor"] == "barometer")
@@ -322,7 +333,8 @@ def _excluded(name: str, span: dict[str, Any]) -> str:
 def _notes(found: dict[str, Any]) -> Iterator[Finding]:
     if found["unreadable"] >= UNREADABLE:
         yield _say("note", f"{found['unreadable']:.0%} of the file is zeros or junk.")
-    notes = found["notes"]
+    told = _useless_receiver(found) if found["health"]["first_s"] is None else None
+    notes = [note for note in found["notes"] if note != told]
     for note in notes[:MOST_NOTES]:
         yield _say("note", f"{note[:1].upper()}{note[1:]}.")
     if len(notes) > MOST_NOTES:

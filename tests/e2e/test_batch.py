@@ -121,8 +121,26 @@ def test_finds_logs_by_folder_pattern_and_name(folder: Path) -> None:
     assert len(find_logs([str(folder)])) == GOOD + 2
     assert len(find_logs([f"{folder}/**/*.tlog"])) == 3
     assert find_logs([str(folder / "text.log")]) == [folder / "text.log"]
-    with pytest.raises(ConfigError, match="no log"):
-        find_logs([f"{folder}/*.nothing"])
+    place = folder / "0"
+    assert len(find_logs([str(place), f"{place}/../0", *map(str, find_logs([str(place)]))])) == 1
+    with pytest.raises(ConfigError, match=r"no log in .*nothing"):
+        find_logs([str(folder), f"{folder}/*.nothing"])
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a file that is always full")
+def test_a_full_disk_is_not_kept_as_a_fault_of_the_log(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The next run tries the log again."""
+    logs = find_logs([str(folder / "0")])
+    rows = tmp_path / "rows"
+    rows.mkdir()
+    key = BatchJob(logs[0], tmp_path.resolve(), 20.0).key
+    (rows / f"{key}.parquet.partial").symlink_to("/dev/full")
+    row = run_batch(logs, tmp_path, settle_s=20.0, reports=False)[0]
+    assert "cannot be written" in row["error"]
+    (rows / f"{key}.parquet.partial").unlink(missing_ok=True)
+    assert run_batch(logs, tmp_path, settle_s=20.0, reports=False)[0]["error"] is None
 
 
 @pytest.mark.long

@@ -96,7 +96,9 @@ def others(log: Path) -> int:
         (["replay", "/nowhere/flight.tlog"], 1, "flight.tlog"),
         (["replay", "{hop}", "--estimator", "magic"], 1, "adaptive-fusion"),
         (["replay", "{hop}", "--out", "{hop}"], 1, "is the log itself"),
-        (["replay", "{hop}", "--csv", "/nowhere/a.csv"], 1, "cannot be written"),
+        (["replay", "{hop}", "--csv", "/nowhere/a.csv"], 1, "does not exist: create it"),
+        (["replay", "{hop}", "--expect", "max<9", "--junit", "{hop}"], 1, "is the log itself"),
+        (["replay", "{hop}", "--csv", "a.csv", "--out", "a.csv"], 1, "named for two outputs"),
         (["replay", "{hop}", "--config", "/nowhere/c.yaml"], 1, "no such file"),
         (["run", "carrier-pigeon:1"], 1, "carrier-pigeon"),
         (["check", "/nowhere/c.yaml"], 1, "no such file"),
@@ -112,6 +114,20 @@ def test_mistakes_are_one_line(  # type: ignore[no-untyped-def]
     assert "Traceback" not in err
     if code == 1:
         assert len([line for line in err.splitlines() if line.startswith("kollsman:")]) == 1
+
+
+def test_an_unreadable_log_does_not_stop_the_others(  # type: ignore[no-untyped-def]
+    kollsman, short_hop: Path, tmp_path: Path
+) -> None:
+    empty = tmp_path / "[ü] {0}.tlog"
+    empty.touch()
+    code, out, err = kollsman("replay", str(empty), str(short_hop), "--json")
+    first, second = json.loads(out)
+    assert code == 1
+    assert "the file is empty" in first["error"]
+    assert not first["sessions"]
+    assert len(second["sessions"]) == 1
+    assert "1 of 2 logs could not be read" in err
 
 
 def test_check_prints_what_it_resolved(kollsman, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]

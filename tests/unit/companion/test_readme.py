@@ -26,3 +26,19 @@ def test_a_command_of_the_readme_exists(line: str) -> None:
         options = {option for each in known[name].params for option in each.opts}
         for option in re.findall(r"--[a-z-]+", rest):
             assert option in options, f"{name} has no {option}"
+
+
+def test_every_column_of_rows_and_fleet_is_documented() -> None:
+    from companion.replay.batch import FLEET_COLUMNS
+    from companion.replay.schema import SESSION_KEYS
+    from companion.replay.table import ESTIMATE_COLUMNS
+
+    page = (ROOT / "docs" / "report-schema.md").read_text(encoding="utf-8")
+    rows = (ROOT / "companion" / "replay" / "table.py").read_text(encoding="utf-8")
+    named = {
+        *ESTIMATE_COLUMNS,
+        *FLEET_COLUMNS,
+        *SESSION_KEYS,
+        *re.findall(r'^ +"(\w+)":', rows, re.M),
+    }
+    assert [name for name in sorted(named) if f"`{name}`" not in page] == []

@@ -14,6 +14,7 @@ def summary(**changes: Any) -> dict[str, Any]:
         "autopilot": "ArduPilot",
         "duration_s": 2400.0,
         "notes": [],
+        "samples": {"pressure": {"used": 9000}, "gnss": {"used": 1000}},
         "health": {"at_end": "OK", "reason": "", "first_s": 1.0, "lost": []},
         "at_rest": None,
         "unreadable": 0.0,
@@ -244,3 +245,24 @@ def test_an_error_beyond_the_reported_accuracy_is_told() -> None:
 def test_a_receiver_without_any_fix() -> None:
     none = {"fixes": 100, "share_3d": 0.0, "median_sd_m": math.nan, "wander_m": math.nan}
     assert "GNSS never had a 3D fix." in verdict(summary(gnss=none))["verdict"]
+
+
+def test_a_receiver_without_any_usable_height_is_the_reason() -> None:
+    note = "GNSS receiver 1 sends heights of exactly 0 with a fix: they are not used"
+    none = {"pressure": {"used": 900}, "gnss": {"invalid": 400}}
+    found = verdict(summary(health=health(None), samples=none, notes=[note]))
+    assert found["reason"] == f"No altitude in all of the session: {note}."
+    assert found["verdict"].count("exactly 0") == 1
+    assert "give air.qnh_hpa" in found["verdict"]
+
+
+def test_an_autopilot_that_never_had_an_origin() -> None:
+    never = own(math.nan) | {"without_origin_s": 2400.0, "span_s": 0.0}
+    text = verdict(summary(own_altitude=never))["verdict"]
+    assert "In all of the session the autopilot sent its height above the start" in text
+
+
+def test_a_session_without_a_barometer_says_so() -> None:
+    unknown = {"drift_m": None, "range_m": None, "compared_with": "gnss"}
+    found = verdict(summary(samples={"gnss": {"used": 1000}}, barometer=unknown))
+    assert "There was no barometer." in found["verdict"]

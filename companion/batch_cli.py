@@ -114,26 +114,39 @@ def _counting(total: int) -> "Iterator[Callable[..., None]]":
                 say = f"{count} of {total} logs, {rate * 60:.2g} a minute, {left:.0f} s left"
                 print(say, file=sys.stderr, flush=True)
 
-        yield advance
+        try:
+            yield advance
+        except KeyboardInterrupt:
+            print("kollsman: stopped; the same command goes on with what is left", file=sys.stderr)
+            raise
+
+
+def _sizes(row: "dict[str, Any]") -> "tuple[float | None, float | None]":
+    return row["published_p95_m"], row["autopilot_p95_m"]
 
 
 def _show_fleet(table: "Sequence[dict[str, Any]]", top: int) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    shown = Table("log", "session", "wrong", "worst, m", "why", box=None, pad_edge=False)
+    shown = Table(
+        "log", "session", "wrong", "Kollsman", "autopilot", "why", box=None, pad_edge=False
+    )
     read = [row for row in table if row["error"] is None]
     for row in read[:top]:
         shown.add_row(
             Path(row["log"]).name,
             str(row["session"]),
             row["wrong"],
-            f"{row['score_m']:.1f}",
+            *("" if each is None else f"{each:.1f}" for each in _sizes(row)),
             row["reason"],
         )
     console = Console(width=None if sys.stdout.isatty() else 160, markup=False)
     if read:
         console.print(shown)
+        print(
+            "Kollsman, autopilot: 95 % of |difference| to truth, else to the smoothed altitude, m"
+        )
     if len(read) > top:
         print(f"... and {len(read) - top} more (--top N shows more)")
     for row in table:

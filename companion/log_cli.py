@@ -86,7 +86,12 @@ JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the report as JSON (docs/report-schema.md).")
 ]
 SmoothOption = Annotated[
-    bool, typer.Option("--smooth", help="Add the smoothed altitude to the rows.")
+    bool,
+    typer.Option(
+        "--smooth",
+        help="Add the altitude after the fact to the rows of --csv, and its error where the log "
+        "has truth.",
+    ),
 ]
 PlotOption = Annotated[
     Path | None,

@@ -38,7 +38,7 @@ from companion.settings import CompanionSettings
 
 FLEET_COLUMNS = (
     "log", "session", "wrong", "score_m", "reason", "verdict", "vehicle", "start_utc",
-    "duration_s", "health", "reference", "estimate_p95_m", "estimate_max_m", "autopilot_p95_m",
+    "duration_s", "health", "reference", "published_p95_m", "published_max_m", "autopilot_p95_m",
     "autopilot_max_m", "drift_m", "drift_m_per_h", "gnss_wander_m", "gnss_sd_m", "gnss_share_3d",
     "satellites", "rows", "report", "error",
 )  # fmt: skip
@@ -199,8 +199,8 @@ def fleet_row(session: Row) -> Row:
         "wrong": " and ".join(session.get("wrong") or []),
         "health": session.get("health", {}).get("at_end"),
         "reference": session.get("reference", {}).get("kind"),
-        "estimate_p95_m": sources.get("estimate", {}).get("p95_m"),
-        "estimate_max_m": sources.get("estimate", {}).get("max_m"),
+        "published_p95_m": sources.get("published", {}).get("p95_m"),
+        "published_max_m": sources.get("published", {}).get("max_m"),
         "autopilot_p95_m": sources.get("autopilot", {}).get("p95_m"),
         "autopilot_max_m": sources.get("autopilot", {}).get("max_m"),
         "drift_m": barometer.get("drift_m"),

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from companion.evaluation.smoother import Smoothed, smooth
 from companion.logs import LogReader, open_log
 from companion.logs.tables import TableReader
 from companion.mavlink.codec import FrameReject
@@ -33,17 +32,15 @@ class Replayed:
     sessions: list[Session[Recording]]
     report: dict[str, Any]
     """as ``docs/report-schema.md`` describes"""
-    smoothed: list[Smoothed | None]
-    """of each session; None where it was not asked for, and could not be made"""
     references: list[Reference]
     """what the heights of each session are held against"""
 
     def tables(self) -> list[Columns]:
         """The rows of every session, for `companion.replay.table.write`."""
         return [
-            columns(session, number + 1, smoothed)
-            for number, (session, smoothed) in enumerate(
-                zip(self.sessions, self.smoothed, strict=True)
+            columns(session, number, reference.smoothed)
+            for number, (session, reference) in enumerate(
+                zip(self.sessions, self.references, strict=True), 1
             )
         ]
 
@@ -80,22 +77,17 @@ def replay(
     if isinstance(reader, TableReader):
         for session in sessions:
             session.seen.events.recorded(reader.tables.modes, reader.tables.texts)
-    summaries, smoothed, references = [], [], []
+    summaries, references = [], []
     unreadable = reader.counters[FrameReject.JUNK] / max(1, reader.size_bytes)
     for number, session in enumerate(sessions, 1):
-        reference = reference_of(session.seen)
+        reference = reference_of(session.seen, smoothing=smoothing)
         references.append(reference)
-        smoothed.append(
-            smooth(session.seen.measured())
-            if smoothing and not reference.smoothed
-            else reference.smoothed
-        )
         summaries.append(
             summarise(session, number, settings.estimator, settle_s, reference, unreadable)
         )
         session.seen.release()
     report = document("replay", str(path), summaries, **_file(reader, started_s))
-    return Replayed(sessions, report, smoothed, references)
+    return Replayed(sessions, report, references)
 
 
 def _file(reader: LogReader, started_s: float) -> dict[str, Any]:

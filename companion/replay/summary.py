@@ -53,6 +53,7 @@ class Reference:
     sd_m: float = math.nan
     """median of what it knows of itself; NaN for truth"""
     smoothed: Smoothed | None = None
+    """the reference of kind smoother; with truth where it was asked for"""
 
     def at(self, time_us: Array) -> Array:
         """Its altitude at other times; NaN where it has none."""
@@ -61,11 +62,13 @@ class Reference:
         return truth_at(time_us, self.time_us, self.altitude_m)
 
 
-def reference_of(recording: Recording) -> Reference:
-    """Truth where the log has it, else the smoother, else nothing."""
+def reference_of(recording: Recording, *, smoothing: bool = False) -> Reference:
+    """Truth where the log has it (with the smoother's altitude beside it if `smoothing`), else the
+    smoother, else nothing."""
     times_us, altitudes_m = recording.track("truth")
     if times_us.size > 1:
-        return Reference("truth", times_us, altitudes_m)
+        beside = smooth(recording.measured()) if smoothing else None
+        return Reference("truth", times_us, altitudes_m, smoothed=beside)
     smoothed = smooth(recording.measured())
     if smoothed is None:
         return Reference("none", np.zeros(0), np.zeros(0))
@@ -119,7 +122,7 @@ def summarise(
         | {"compared_with": "gnss" if height is None else "height"},
         "own_altitude": own_altitude(recording),
         "reference": {"kind": reference.kind, "sd_m": reference.sd_m},
-        "sources": _sources(recording, reference, start_us),
+        "sources": _sources(recording, reference, start_us) | _smoothed(reference, start_us),
     }
     found |= verdict(found)
     return found
@@ -260,6 +263,24 @@ def _sources(recording: Recording, reference: Reference, start_us: float) -> dic
             covered = coverage(error_m, sd_m)
             found["estimate"] |= {"nees": covered.nees, "coverage_2": covered.within_2}
     return found
+
+
+def _smoothed(truth: Reference, start_us: float) -> dict[str, Any]:
+    """The smoothed altitude against the truth; empty where one of them is missing."""
+    smoothed = truth.smoothed
+    if smoothed is None or truth.kind != "truth":
+        return {}
+    late = smoothed.time_us >= start_us
+    time_us, altitude_m, sd_m = (
+        each[late] for each in (smoothed.time_us, smoothed.altitude_m, smoothed.sd_m)
+    )
+    true_m = truth.at(time_us)
+    found = errors(altitude_m, true_m)
+    if found is None:
+        return {}
+    covered = coverage(altitude_m - true_m, sd_m)
+    spread = {"nees": covered.nees, "coverage_2": covered.within_2}
+    return {"smoothed": {"label": "smoothed", **found.as_dict(), **spread}}
 
 
 def damage(counters: Any) -> dict[str, int]:

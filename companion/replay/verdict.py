@@ -31,6 +31,8 @@ ORIGIN_S = 10.0
 """time in which the autopilot had no origin that is told"""
 UNREADABLE = 0.01
 """share of a file that could not be read that is told"""
+UNSENT = ("estimate", "smoothed")
+"""sources that nobody received"""
 LEVELS = ("good", "note", "warning", "bad")
 SENSORS = {"barometer": "The barometer", "gnss": "GNSS", "imu": "The IMU"}
 
@@ -50,7 +52,7 @@ def verdict(found: dict[str, Any]) -> dict[str, Any]:
         name for name in ("published", "autopilot") if _p95_without_datum(sources, name) > limit_m
     ]
     score_m = max(
-        (_p95_without_datum(sources, name) for name in sources if name != "estimate"), default=0.0
+        (_p95_without_datum(sources, name) for name in sources if name not in UNSENT), default=0.0
     )
     causes = [
         *_barometer(found),

@@ -51,7 +51,7 @@ def test_replay_reports_errors_beside_the_others(kollsman, short_hop: Path) -> N
 
 def test_replay_json_csv_and_log(kollsman, short_hop: Path, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     table, log = tmp_path / "a.csv", tmp_path / "a.tlog"
-    code, out, _ = kollsman("replay", short_hop, "--json", "--csv", table, "--out", log)
+    code, out, _ = kollsman("replay", short_hop, "--json", "--smooth", "--csv", table, "--out", log)
     document = json.loads(out)
     assert code == 0
     assert document["schema"] == "kollsman-report/1"
@@ -59,6 +59,7 @@ def test_replay_json_csv_and_log(kollsman, short_hop: Path, tmp_path: Path) -> N
     sources = report["sources"]
     assert report["reference"]["kind"] == "truth"
     assert sources["estimate"]["rmse_m"] < sources["gnss"]["rmse_m"] * 1.2
+    assert sources["smoothed"]["rmse_m"] < sources["gnss"]["rmse_m"]
     assert report["samples"]["pressure"]["used"] > 4000
     lines = list(csv.DictReader(table.read_text().splitlines()))
     assert list(lines[0])[:3] == ["session", "utc", "time_us"]

@@ -6,7 +6,12 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 # Tests with real processes and sockets depend on what else the machine does.
 RETRY  := --reruns 2
-PIP    := $(BIN)/python -m pip --disable-pip-version-check install --quiet
+PIP    := $(BIN)/python -m pip --disable-pip-version-check install --quiet --no-compile
+# Byte code of what was installed, on all cores: pip compiles on one. Old dialects of pymavlink and tests are not used.
+BYTES  := $(BIN)/python -m compileall -q -j 0 -x '/(tests|v09|v10)/' \
+            $$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') > $(VENV)/compileall.log || true
+# Each test process reads only files with a test of the marker.
+MARKED  = $$(grep -lr --include='test_*.py' 'mark\.$(1)' tests)
 
 .PHONY: lock messages-page help demo test test-slow test-long lint bench config-page clean
 
@@ -23,10 +28,10 @@ test: $(VENV)/.dev      ## lint, types, import rules and the default tests (extr
 	$(BIN)/python -m pytest -q -n 3 $(RETRY)
 
 test-slow: $(VENV)/.dev ## end-to-end and Monte-Carlo tests
-	$(BIN)/python -m pytest -q -m "slow and not long" -n 5 $(RETRY)
+	$(BIN)/python -m pytest -q -m "slow and not long" -n 5 $(RETRY) $(call MARKED,slow)
 
 test-long: $(VENV)/.dev ## every scenario, hours of flight, whole recordings (half an hour)
-	$(BIN)/python -m pytest -q -m long -n 2 $(RETRY)
+	$(BIN)/python -m pytest -q -m long -n 2 $(RETRY) $(call MARKED,long)
 
 lint: $(VENV)/.dev      ## ruff, mypy --strict, import rules
 	$(BIN)/ruff check .
@@ -67,9 +72,11 @@ $(VENV)/.made:
 $(VENV)/.sim: $(VENV)/.made pyproject.toml
 	@echo "installing Kollsman with the extra sim (JSBSim, matplotlib) into $(VENV) ..."
 	@$(PIP) -e '.[sim]'
+	@$(BYTES)
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.made pyproject.toml
 	@echo "installing Kollsman with the extras sim and dev (test tools) into $(VENV) ..."
 	@$(PIP) -e '.[sim,dev]'
+	@$(BYTES)
 	@touch $@ $(VENV)/.sim

@@ -94,7 +94,7 @@ class Events:
         return times[0]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_station_on_a_link_of_its_own_and_its_failures(tmp_path: Path) -> None:
     """Expected Result: ten minutes without GNSS leave the height where it was, within a metre or
     so; a jump of the station is told in one line after 10 s, its death after 30 s or when the next

@@ -104,6 +104,7 @@ def test_a_name_with_markup_stays_text(replayed: Replayed, tmp_path: Path) -> No
     assert "<script>alert" not in path.read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_the_panels_as_a_picture(tmp_path: Path) -> None:
     from PIL import Image
 

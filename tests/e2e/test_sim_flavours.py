@@ -25,8 +25,8 @@ def test_a_flavour_that_is_none_is_wrong_usage(tmp_path: Path) -> None:
     assert done.stderr == f"kollsman-sim: {said}\n"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("flavour", ["px4", pytest.param("generic", marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("flavour", ["px4", "generic"])
 def test_the_companion_with_it(flavour: str, tmp_path: Path) -> None:
     port, tlog, said = free_port(), tmp_path / "flight.tlog", tmp_path / "companion.txt"
     companion = Companion(f"udpin:127.0.0.1:{port}", said, lambda _: None)

@@ -44,14 +44,14 @@ CASES = {
     "real/bruno_20211123-010337.tlog": Case(None, 0, slow=True),  # indoors: never a fix, alt -17 m
     "real/bruno_20211125-124019.tlog": Case(None, 0),
     "real/pymavlink_swift_flight.tlog": Case("gnss", 6000, reboots=4, long=True),
-    "real/dronekit_flight_replay.tlog": Case("gnss", 2400, reboots=1),  # another dialect
-    "real/lester_b_mav.tlog": Case("gnss", 1800),  # half pressure
+    "real/dronekit_flight_replay.tlog": Case("gnss", 2400, reboots=1, long=True),  # another dialect
+    "real/lester_b_mav.tlog": Case("gnss", 1800, long=True),  # half pressure
     "real/eagle_f759975_mav.tlog": Case("gnss", 2300, slow=True),  # a companion as quadrotor
     "real/ardusub_small.tlog": Case(None, 0),  # injected position at exactly 0 m: no height
     "real/SITL_wlichon_mixed_signed.tlog": Case("gnss", 300),
     "real/SITL_wlichon_twin_sysid2.tlog": Case("gnss", 40),  # alt = alt_ellipsoid, 26 m of doubt
     "real/SITL_uavlogviewer_flight_logs.tlog": Case(
-        "gnss", 2700, reboots=1, slow=True
+        "gnss", 2700, reboots=1, long=True
     ),  # two boots
     "real/SITL_uavlogviewer_vtol.tlog": Case("gnss", 700),
     "flights/jsbsim_A.tlog": Case("truth", 12_000, long=True),

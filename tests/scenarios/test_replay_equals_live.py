@@ -16,7 +16,7 @@ from companion.samples import Kind, Rows, SampleLog, Verdict
 from companion.settings import CompanionSettings
 from tests.paths import DATA
 
-QUICK_BYTES = 1_000_000
+QUICK_BYTES = 230_000
 LOGS = [
     pytest.param(
         path, id=path.stem, marks=() if path.stat().st_size < QUICK_BYTES else pytest.mark.long

@@ -25,7 +25,7 @@ REAL = DATA
 REAL_LOGS = sorted([*REAL.glob("real/*.tlog"), *REAL.glob("flights/*.tlog")])
 LONG_IF_LARGE = [
     pytest.param(
-        path, id=path.stem, marks=() if path.stat().st_size < 5_000_000 else pytest.mark.long
+        path, id=path.stem, marks=() if path.stat().st_size < 1_000_000 else pytest.mark.long
     )
     for path in REAL_LOGS
 ]

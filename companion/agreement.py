@@ -30,6 +30,7 @@ from companion.samples import Kind, Rows, rows
 SIGMAS, LEAST_SD_M, UNKNOWN_SD_M, LEVEL_M = 5.0, 4.0, 10.0, 10.0
 NEVER_US, FRESH_US, FAST_US = -(1 << 60), 2_000_000, 2_500_000
 YOUNG_US, STEADY_US = 10_000_000, 60_000_000
+BACK_RATIO = 1000.0
 BAROS, PAIRS = 64, 256
 NONE, BARO, GNSS = -1, int(Kind.PRESSURE), int(Kind.GNSS)
 
@@ -187,7 +188,7 @@ def _compare(a: Rows, time_us: int, baro_m: float, gnss_m: float) -> None:
         a[0].excluded = left
         if left == NONE and abs(a[0].gap_m - a[0].moved_m) <= LEVEL_M:
             a[0].excluded = a[0].mover  # it moved fast before, and stayed there
-        a[0].agree, a[0].jump_m = 0, abs(a[0].gap_m)
+        a[0].agree, a[0].jump_m = 0, a[0].gap_m
         a[0].level_m, a[0].level_us = difference_m, time_us
     elif abs(difference_m - a[0].level_m) > LEVEL_M:
         a[0].level_m, a[0].level_us, a[0].has_lasted = difference_m, time_us, 0
@@ -255,13 +256,22 @@ def _is_back(a: Rows, time_us: int) -> bool:
     gap_m = abs(a[0].gap_m)
     if not a[0].agree and gap_m > limit_m(a) - by_height_m(a[0].agreed, a[0].baro_m):
         return False
-    if a[0].excluded == NONE or gap_m <= min(SIGMAS * a[0].sd_m, 0.5 * a[0].jump_m):
+    if a[0].excluded == NONE or gap_m <= _near_m(a):
         return gap_m <= limit_m(a)
-    largest_m = -1.0
+    farthest_m, now_m = -math.inf, a[0].gap_m * math.copysign(1.0, a[0].jump_m)
     for back in range(a[0].pairs_count):
         place = (a[0].pairs_next - 1 - back) % PAIRS
-        if time_us - a[0].pairs_us[place] <= YOUNG_US:
-            largest_m = max(largest_m, abs(a[0].pairs_m[place, 2]))
-    if largest_m < 0.0:
-        largest_m = abs(a[0].pairs_m[(a[0].pairs_next - 1) % PAIRS, 2])
-    return gap_m <= limit_m(a) and largest_m - gap_m >= 0.5 * a[0].jump_m
+        if back == 0 or time_us - a[0].pairs_us[place] <= YOUNG_US:
+            before_m = a[0].pairs_m[place, 2] * math.copysign(1.0, a[0].jump_m)
+            farthest_m = max(farthest_m, before_m)
+    return gap_m <= limit_m(a) and farthest_m - now_m >= 0.5 * abs(a[0].jump_m)
+
+
+@step
+def _near_m(a: Rows) -> float:
+    """Gap up to which an agreement is `BACK_RATIO` times as probable as the jump that was seen,
+    where both have drifted since (two normal distributions, 0 and the jump away)."""
+    drifted_m = math.hypot(math.sqrt(2.0) * a[0].sd_m, 0.5 * drift_m(a[0].agreed, a[0].baro_m))
+    jump_m = abs(a[0].jump_m)
+    near_m = 0.5 * jump_m - drifted_m * drifted_m * math.log(BACK_RATIO) / jump_m
+    return min(SIGMAS * a[0].sd_m, near_m)

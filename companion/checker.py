@@ -122,7 +122,7 @@ def objection(a: Rows, now_us: int, altitude_m: float) -> int:
     if not (by_baro or by_gnss):
         return NO_OBJECTION
     above_m = altitude_m - a[0].baro_m - agreed_m(a[0].agreed, a[0].baro_m)
-    follows_gnss = above_m * math.copysign(2.0, a[0].gap_m) > gap_m
+    follows_gnss = gap_m > LEVEL_M and above_m * math.copysign(2.0, a[0].gap_m) > gap_m
     near_baro = by_baro and abs(above_m) <= limit_m(a)
     near_gnss = by_gnss and abs(altitude_m - a[0].gnss_m) <= a[0].gnss_limit_m
     supported = near_baro or near_gnss
@@ -160,10 +160,10 @@ def asks_restart(c: Rows, a: Rows, now_us: int, supported: bool) -> bool:
 
 @step
 def _follow_usual(c: Rows, a: Rows, now_us: int) -> None:
-    """The difference of the two heights over the last minutes in which the estimator was
-    supported."""
+    """The difference of the two heights over the last minutes in which they agreed and supported
+    the estimator."""
     difference_m = a[0].gnss_m - a[0].baro_m
-    if now_us - a[0].gnss_us > FRESH_US or not math.isfinite(difference_m):
+    if not a[0].agree or now_us - a[0].gnss_us > FRESH_US or not math.isfinite(difference_m):
         return
     if c[0].usual_us == NEVER_US:
         c[0].usual_us, c[0].usual_m = now_us, difference_m

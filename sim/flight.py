@@ -5,7 +5,7 @@
 
 The order within a tick: weather, dynamics, truth, autopilot; then sensors, received bytes, sent
 messages (`sim.onboard`). Where nothing of the second half acts on the first (no link, and the
-autopilot flies by the truth), `run` takes ten ticks of the first before the second: the same bytes,
+autopilot flies by the truth), `run` takes a second of the first before the second: the same bytes,
 and each half keeps the processor's cache. Only `run` reads the host's clock, and only to wait.
 """
 
@@ -243,14 +243,18 @@ class Flight:
         self._onboard.tick(self._fly_ticks())
 
     def _block(self, limit_us: float) -> None:
-        """Fly to the next update of the weather, or to the end, and take the moments then."""
+        """Fly to the next second, to the end, or to where something on board reads the weather
+        itself, and take the moments then."""
         moments, air_us = [], self._onboard.air_period_us
+        second_us = (self.time_us // _REPORT_US + 1) * _REPORT_US
+        until_us = min(second_us, self._onboard.reads_weather_us)
         try:
             while True:
                 idle = self.time_us % MOTION_US == 0 and (self.time_us + TICK_US) % air_us
                 moments.append(self._fly_ticks(2 if idle else 1))
                 now_us = self.time_us
-                if now_us % _WEATHER_US == 0 or self.profile.done or now_us > limit_us:
+                is_over = now_us % _WEATHER_US == 0 and now_us >= until_us
+                if is_over or self.profile.done or now_us > limit_us:
                     break
         finally:
             self._onboard.take(moments)

@@ -63,6 +63,11 @@ class GroundStation:
         self._booted_us = time_us
         self._encoder = Encoder(self.config.system_id, GCS_COMPONENT_ID)
 
+    def measures_after(self, time_us: int) -> int:
+        """The time of its next reading after `time_us`."""
+        period_us = self.barometer.period_us
+        return (time_us // period_us + 1) * period_us
+
     def frames(self, time_us: int) -> list[bytes]:
         """What is due at this time; on a link of its own it is sent, too."""
         found: list[Message] = []

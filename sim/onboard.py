@@ -28,6 +28,7 @@ from sim.vehicle.ardupilot import HYGROMETER_ID
 from sim.vehicle.flavours import Flavour
 from sim.vehicle.own_estimate import OwnEstimate
 from sim.vehicle.ports import Port
+from sim.vehicle.truth import TRUE_AIR
 from sim.vehicle.vehicle import Vehicle
 
 MOTION_US = 1_000_000 // UPDATE_HZ
@@ -113,6 +114,15 @@ class Onboard:
                 between_us += TICK_US
             self._tick(moment)
         self._write()
+
+    @property
+    def reads_weather_us(self) -> float:
+        """When the truth of the air is sent next, or the ground station measures: both read the
+        weather of that time."""
+        due_us = [port.due_of(TRUE_AIR.message_id) for port in self.vehicle.ports]
+        if self._station is not None:
+            due_us.append(self._station.measures_after(self.vehicle.state.time_us))
+        return min(due_us, default=math.inf)
 
     def _is_due(self, now_us: int) -> bool:
         """Whether a fix arrives, a message is due, or faults may hold packets."""

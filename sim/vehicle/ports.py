@@ -97,6 +97,11 @@ class Port:
         """When the next message is due."""
         return self._waiting[0][0] if self._waiting else math.inf
 
+    def due_of(self, message_id: int) -> float:
+        """When `message_id` is due next."""
+        times = (due_us for due_us, _, stream in self._waiting if stream.message_id == message_id)
+        return next(times, math.inf)
+
     def stream(self, state: State) -> None:
         """Send every message that is due and has a new sample."""
         now_us, waiting = state.time_us, self._waiting

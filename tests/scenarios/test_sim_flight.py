@@ -308,15 +308,31 @@ def test_twenty_minutes_of_changing_weather(seed: int) -> None:
     assert state.position.altitude_amsl_m - state.truth.altitude_amsl_m > 15.0
 
 
+# The truth of the air four times a second, and a station: both read the weather in mid-second.
+STATION_IN_FALLING_PRESSURE = scenario(
+    name="falling-pressure",
+    profile=[{"leg": "wait", "duration_s": 60}],
+    weather={"pressure": [{"time_s": t, "sea_level_hpa": 1020 - t} for t in (0, 60)]},
+    ground_station={"rate_hz": 2},
+    streams_hz={"DEBUG_FLOAT_ARRAY": 4},
+)
+
+
 @pytest.mark.parametrize(
-    ("name", "flavour"), [("short-hop", "px4"), ("lossy-radio", None), ("weather-front", None)]
+    ("case", "flavour"),
+    [
+        (load_scenario("short-hop"), "px4"),
+        (load_scenario("lossy-radio"), None),
+        (STATION_IN_FALLING_PRESSURE, None),
+    ],
+    ids=lambda case: getattr(case, "name", case),
 )
 def test_blocks_of_ticks_give_the_bytes_of_single_ticks(
-    name: str, flavour: FlavourName | None, tmp_path: Path
+    case: Scenario, flavour: FlavourName | None, tmp_path: Path
 ) -> None:
-    """`run` flies ten ticks before the sensors take them; `tick` takes each at once."""
-    end_us, logs = 40_000_000, (tmp_path / "blocks.tlog", tmp_path / "ticks.tlog")
-    in_blocks, by_ticks = (Flight(load_scenario(name), tlog=path, flavour=flavour) for path in logs)
+    """`run` flies up to a second before the sensors take it; `tick` takes each tick at once."""
+    end_us, logs = 25_000_000, (tmp_path / "blocks.tlog", tmp_path / "ticks.tlog")
+    in_blocks, by_ticks = (Flight(case, tlog=path, flavour=flavour) for path in logs)
 
     def stop(progress: Progress) -> None:
         if progress.time_s * 1e6 >= end_us:

@@ -68,6 +68,10 @@ known again when the height is."""
 LEARNED = 1.0 + 1e-6
 """A hypothesis that is more probable than its prior by this factor has learned since it was
 supposed. Where nothing was learned both are equal, but for rounding."""
+ELSEWHERE = 0.1
+"""Share of the further jumps of a faulty receiver that do not end its fault. Evidence counts by its
+tempered likelihood, which forgives most of what a jump of any size has against one home: a spread
+of 200 m where 6 m would do."""
 LONGEST_ONSET_S = 10.0
 """A fault that shows after a longer silence may have begun at any time within it."""
 
@@ -186,7 +190,7 @@ def on_gnss_surprise(bank: Record, p: Record, is_blind: bool, elapsed_s: float) 
     if bank.weight[accuser] > 0.0:
         suppose_return(bank, accuser, again, True)
     if gnss_is_wrong(top):
-        suppose_gnss_fault(bank, p.gnss_jump_m, p.slide_sd_mps, again, True)
+        suppose_gnss_fault(bank, p.gnss_jump_m, p.slide_sd_mps, ELSEWHERE * again, True)
     else:
         suppose_gnss_fault(bank, p.gnss_jump_m, 0.0, p.fault_rate_per_h * PER_H * elapsed_s, True)
     suppose_motion(bank, p, is_blind, elapsed_s)

@@ -21,9 +21,16 @@ class Announcements:
     def __init__(self, *, enabled: bool) -> None:
         self._enabled = enabled
         self._texts = StatusTexts()
-        self._source = Source.NONE
-        self._excluded = 0
+        self.told_source = Source.NONE
+        """the source of the height in ALTITUDE, as it was told last"""
+        self.told_excluded = 0
+        """the excluded sensor, as it was told last"""
         self._problems: list[str] = []
+
+    @property
+    def waiting_us(self) -> list[int]:
+        """As `StatusTexts.waiting_us`."""
+        return self._texts.waiting_us
 
     def due(self, host_us: int) -> list[Message]:
         """The messages to send now."""
@@ -31,7 +38,7 @@ class Announcements:
 
     def new_vehicle(self) -> None:
         """Another vehicle is followed: none of its sensors is excluded yet."""
-        self._excluded = 0
+        self.told_excluded = 0
 
     def health(self, monitor: HealthMonitor) -> None:
         """Health changed."""
@@ -40,17 +47,17 @@ class Announcements:
 
     def excluded(self, faulty: int, estimate: Rows) -> None:
         """Another sensor is excluded, or none any more: `faulty` of the estimate."""
-        if faulty != self._excluded and self._enabled:
-            self._excluded = faulty
+        if faulty != self.told_excluded and self._enabled:
+            self.told_excluded = faulty
             text = excluded(estimate) or "all sensors used again"
             self._say("excluded", faulty, mavlink.MAV_SEVERITY_WARNING, f": {text}")
 
     def source(self, source: Source) -> None:
         """ALTITUDE carries the vehicle's own height from now on, or ours; the text about health
         tells that it is ours again."""
-        if source is self._source:
+        if source is self.told_source:
             return
-        self._source = source
+        self.told_source = source
         if source is Source.VEHICLE and self._enabled:
             self._texts.say("source", source, mavlink.MAV_SEVERITY_NOTICE, OWN_HEIGHT_TEXT)
         else:

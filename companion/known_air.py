@@ -212,10 +212,9 @@ class KnownAir:
         if kind is _STATUS or self.field_elevation_m is not None:
             self.at_rest.sample(kind, row)
 
-    def follow(self, kind: Kind, row: Rows, now_us: int, estimate: Rows) -> Known | None:
-        """`sample`; and before a pressure what to `tell`, with the QNH of the reference, which the
-        `estimate` may contradict."""
-        self.sample(kind, row)
+    def due(self, kind: Kind, now_us: int, estimate: Rows) -> Known | None:
+        """Before a pressure what to `tell`, with the QNH of the reference, which the `estimate` may
+        contradict."""
         if kind is not _PRESSURE:
             return None
         known, reference = self.tell(now_us), self.reference

@@ -16,32 +16,27 @@ import numpy as np
 
 from companion.intake import SampleReject
 from companion.jit import Parts
-from companion.live_steps import (
-    ASSESSED,
-    CHANGED,
-    DUE,
-    LEFT_OUT,
-    LONGEST,
-    OF_AIR,
-    OF_FAULTY,
-    OF_KIND,
-    OF_PRIMARY,
-    PARTS,
-    REPLACED,
-    RESTARTS,
-    SAMPLE,
-    SILENT,
-    TELLS,
-    U1,
-    UNUSED,
-    follow,
-    take,
-)
+from companion.live_steps import LONGEST, OF_FAULTY, OF_KIND, PARTS, SILENT, U1, follow, take
 from companion.mavlink.convert import THERMOMETERS
 from companion.mavlink.framing import CRC_TABLE, Frame
 from companion.mavlink.plain import plans
 from companion.mavlink.plain_steps import MOST_FIELDS
-from companion.samples import Kind, Verdict
+from companion.pipeline_state import following_of, intaking_of, owners_of
+from companion.reading_steps import (
+    ASSESSED,
+    CHANGED,
+    DUE,
+    LEFT_OUT,
+    OF_AIR,
+    OF_PRIMARY,
+    READING,
+    REPLACED,
+    RESTARTS,
+    SAMPLE,
+    TELLS,
+    UNUSED,
+)
+from companion.samples import ORDER, Kind, Verdict, rows
 
 if TYPE_CHECKING:
     from companion.pipeline import Pipeline
@@ -49,7 +44,7 @@ if TYPE_CHECKING:
 NO_VERDICT = -1
 KINDS, VERDICTS = tuple(Kind), tuple(Verdict)
 # Looked up in its class, a member of an enum costs ten times as much (Python 3.11).
-_PRESSURE, _IMU, _USED, _IGNORED = Kind.PRESSURE, Kind.IMU, Verdict.USED, Verdict.IGNORED
+_IMU, _USED, _IGNORED = Kind.IMU, Verdict.USED, Verdict.IGNORED
 
 
 class LivePath:
@@ -96,35 +91,26 @@ class _PlainPath:
 
     def __init__(self, pipeline: "Pipeline") -> None:
         self.pipeline = pipeline
-        self._owners = _owners(pipeline)
+        self._owners = owners_of(pipeline)
         self._autopilot = pipeline.identity.autopilot
         self._listeners, self._scale = len(pipeline.listeners), self._raw_imu_scale()
         vehicle = pipeline.identity.vehicle
         self._vehicle, (self._system_id, self._component_id) = vehicle, vehicle or (0, 0)
-        intake, outputs, health = pipeline.intake, pipeline.outputs, pipeline.health
         data, bits = np.zeros(LONGEST, U1), np.zeros(1, np.uint32)
         self._data = memoryview(data)  # type: ignore[arg-type]
-        imu, pressure, attitude = (intake.newest(k) for k in (_IMU, _PRESSURE, Kind.ATTITUDE))
-        samples = [np.asarray(row) for row in (imu, pressure, attitude)]
+        samples = [pipeline.intake.newest(kind) for kind in Kind]
+        *states, receivers, primaries = intaking_of(pipeline)
         parts: list[Any] = [
             data,
             *plans(self._scale, self._without(pipeline)),
             np.array(CRC_TABLE),
             *(bits, bits.view(np.float32), np.zeros(MOST_FIELDS)),
-            *(intake.clock.state, intake.clock.params),
-            pipeline.readings.imu.state,
-            intake.primaries[_PRESSURE].state,
-            *(intake.datum.state, intake.datum.params),
-            intake.receivers[0].state,
-            *(pipeline.checker.sensors.state, pipeline.checker.state),
-            *(health.state, health.params),
-            *(outputs.state, outputs.params, outputs.monotonic.state, outputs.leap.state),
-            outputs.heights,
-            pipeline.filter.estimate,
-            *(pressure, attitude),
-            *(row.view(np.float64) for row in samples),
-            *(row.view(np.int64) for row in samples),
-            pipeline.air.state,
+            *(rows(READING), pipeline.filter.estimate, rows(ORDER)),
+            *samples,
+            *(np.asarray(row).view(np.float64) for row in samples),
+            *(np.asarray(row).view(np.int64) for row in samples),
+            *(*states, *receivers, *primaries),
+            *following_of(pipeline),
         ]
         assert len(parts) == PARTS
         self._parts = Parts(parts)
@@ -142,7 +128,7 @@ class _PlainPath:
         return (
             identity.vehicle == self._vehicle
             and identity.autopilot == self._autopilot
-            and all(map(operator.is_, _owners(self.pipeline), self._owners))
+            and all(map(operator.is_, owners_of(self.pipeline), self._owners))
             and len(self.pipeline.listeners) == self._listeners
             and (self._scale is not None or self._raw_imu_scale() is None)
         )
@@ -178,7 +164,7 @@ class _PlainPath:
             pipeline.intake.counters[SampleReject.REPLACED] += 1
         elif became == UNUSED:
             pipeline.verdicts[_IMU][_IGNORED] += 1
-        return self._react(kind, NO_VERDICT, host_us)
+        return self._react(NO_VERDICT, host_us)
 
     def _sample(self, kind: Kind, host_us: int, *, tells_air: bool) -> list[bytes]:
         """Give the sample in the row of its kind to the estimator and to all who follow it."""
@@ -187,12 +173,12 @@ class _PlainPath:
         pipeline.identity.measured(kind)
         verdict = pipeline.filter.step(kind, row)
         pipeline.count(kind, row, verdict)
-        return sent + self._react(kind, int(verdict), host_us)
+        return sent + self._react(int(verdict), host_us)
 
-    def _react(self, kind: Kind, verdict: int, host_us: int) -> list[bytes]:
+    def _react(self, verdict: int, host_us: int) -> list[bytes]:
         """What is due now that the vehicle's clock has moved."""
         pipeline, altitude = self.pipeline, None
-        found = follow(self._argument, int(kind), verdict, host_us)
+        found = follow(self._argument, verdict, host_us)
         if found & ASSESSED:
             pipeline.announcements.excluded(found >> OF_FAULTY, pipeline.estimate)
         if found & RESTARTS:
@@ -204,19 +190,3 @@ class _PlainPath:
             altitude = pipeline.outputs.message()
         sent = pipeline.publish(altitude, changed=bool(found & CHANGED))
         return sent + (pipeline.age(host_us) if found & SILENT else pipeline.texts(host_us))
-
-
-def _owners(pipeline: "Pipeline") -> tuple[object, ...]:
-    """What owns the arrays: where one is another object, so are its arrays."""
-    intake = pipeline.intake
-    return (
-        intake,
-        intake.receivers[0],
-        pipeline.readings,
-        pipeline.checker,
-        pipeline.checker.sensors,
-        pipeline.health,
-        pipeline.outputs,
-        pipeline.filter,
-        pipeline.air,
-    )

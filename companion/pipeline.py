@@ -104,7 +104,8 @@ class Pipeline:
         if self.feedback.knob is not None:
             self._wanted.add(PARAM_VALUE)
         self.observe(observer)
-        self._conflict: Callable[[Frame], None] | None = None
+        self.on_own_ids: Callable[[Frame], None] | None = None
+        """called for every frame that carries our own ids"""
         self.on_rate_request: Callable[[Frame], None] | None = None
         """called for every request of another program for the vehicle's message rates"""
 
@@ -151,32 +152,29 @@ class Pipeline:
         self._wanted.add(message_id)
 
     def branch(self, observer: Observer) -> "Pipeline":
-        """A second pipeline that goes on from here by itself, as if the packets differed from now
-        on. It sends nothing.
-
-        The two share the decoder, which keeps nothing between datagrams but its counters.
-        """
+        """A second pipeline that goes on from here by itself. It sends nothing. The two share the
+        decoder, which keeps nothing between datagrams but its counters."""
         shared = (self.decoder, self._observer, self._sender)
         other = copy.deepcopy(self, {id(each): each for each in shared})
         other.sends = False
         other.observe(observer)
         return other
 
-    def on_own_ids(self, callback: Callable[[Frame], None]) -> None:
-        """Call back for every frame that carries our own ids."""
-        self._conflict = callback
+    def arrived(self, host_us: int) -> None:
+        """What follows is of a packet that arrived at `host_us`."""
+        self.frames, self._host_us = [], host_us
 
     def feed(self, packet: Packet, source: Hashable = None) -> list[bytes]:
         """Take in a packet; the frames to send because of it.
 
         `source` is the network address that it came from, on a link that has several.
         """
-        self.frames, self._host_us = [], packet.time_us
+        self.arrived(packet.time_us)
         return self._live.feed(packet.data, packet.time_us, source)
 
     def feed_item(self, item: Item, arrival_us: int) -> list[bytes]:
         """Take in what a log's reader has found; the frames to send because of it."""
-        self.frames, self._host_us = [], arrival_us
+        self.arrived(arrival_us)
         if isinstance(item, Frame):
             return self.take([item], arrival_us, None)
         if isinstance(item, Sensed):
@@ -191,7 +189,7 @@ class Pipeline:
 
     def flush(self, arrival_us: int) -> list[bytes]:
         """The line fell silent: give up on a half-received frame."""
-        self.frames, self._host_us = [], arrival_us
+        self.arrived(arrival_us)
         return self.take(self.decoder.flush(), arrival_us, None)
 
     def age(self, host_us: int) -> list[bytes]:
@@ -244,8 +242,8 @@ class Pipeline:
         if origin not in FORGERIES:
             self.frames.append(frame)
         if origin is OURSELVES:
-            if self._conflict is not None:
-                self._conflict(frame)
+            if self.on_own_ids is not None:
+                self.on_own_ids(frame)
         elif message_id in REQUESTS:
             return self._request(frame, arrival_us)
         elif message_id == DATA_STREAM and self.on_rate_request is not None:
@@ -326,6 +324,7 @@ class Pipeline:
 
     def _sample(self, kind: Kind, row: Rows, instance: int = 0) -> list[bytes]:
         """Give a sample to the estimator and its verdict to all who follow it."""
+        self.air.sample(kind, row)
         now_us, sent = self.now_us, self.tell_air(kind, row)
         self.identity.measured(kind)
         verdict = Verdict.IGNORED
@@ -340,7 +339,7 @@ class Pipeline:
 
     def tell_air(self, kind: Kind, row: Rows) -> list[bytes]:
         """Tell the estimator what is known of the air and what it has not been told."""
-        known = self.air.follow(kind, row, self.now_us, self.filter.estimate)
+        known = self.air.due(kind, self.now_us, self.filter.estimate)
         return self._sample(Kind.AIR, self.intake.air(known, row)) if known is not None else []
 
     def count(self, kind: Kind, row: Rows, verdict: Verdict) -> None:

@@ -13,7 +13,7 @@ from companion.common_cli import read_speed
 from companion.output import Output
 
 if TYPE_CHECKING:
-    from companion.replay.sessions import Writer
+    from companion.replay.merged import Writer
     from companion.settings import CompanionSettings
     from companion.web.board import Board
     from companion.web.player import Player

@@ -114,7 +114,7 @@ class Service:
         follows = earlier.pipeline.identity if earlier is not None else follows
         if follows is not None:
             self.pipeline.identity.resume(follows, clock.now_us())
-        self.pipeline.on_own_ids(self._own_ids_heard)
+        self.pipeline.on_own_ids = self._own_ids_heard
         self.pipeline.commands.store = self._store_air
         self._start(clock.now_us())
         self._checkpoint = checkpoint

@@ -76,4 +76,4 @@ def warm_up_blocks() -> None:
     """Compile the loops of a replay around the estimator's."""
     from companion.replay.blocks import BlockRunner
 
-    BlockRunner(Pipeline(CompanionSettings(), sends=False), lambda *_: None).compile()
+    BlockRunner(Pipeline(CompanionSettings(), sends=False), lambda *_: []).compile()

@@ -672,19 +672,23 @@ def environment_of(package: str, build_tools: Sequence[str]) -> Path | None:
 
 
 def replay_memory(small: Path) -> list[Row]:
-    """Growth of the largest resident set of a process with the size of the log it replays."""
+    """Growth of the largest resident set of a process with the size of the log that it replays: the
+    straight line through logs of three sizes, each replayed by a process of its own."""
     script = (
         "import sys, resource; from pathlib import Path; from companion.replay.run import replay; "
         "replay(Path(sys.argv[1])); print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
     )
-    large = small.with_name("twelve.tlog")
-    large.write_bytes(small.read_bytes() * 12)
-    peaks = []
-    for path in (small, large):
+    once, sizes_mb, peaks_mb = small.read_bytes(), [], []
+    for size in (20e6, 60e6, 120e6):
+        path = small.with_name("grown.tlog")
+        path.write_bytes(once * round(size / len(once)))
         printed = subprocess.check_output([sys.executable, "-c", script, str(path)], text=True)
-        peaks.append(int(printed.split()[-1]))
-    grown = (peaks[1] - peaks[0]) * 1024 / (large.stat().st_size - small.stat().st_size)
-    text = f"{grown:.1f} x the file plus {peaks[0] // 1024} MB"
+        sizes_mb.append(path.stat().st_size / 2**20)
+        peaks_mb.append(int(printed.split()[-1]) / 1024)
+    grown, constant_mb = np.polyfit(sizes_mb, peaks_mb, 1)
+    pairs = zip(peaks_mb, sizes_mb, strict=True)
+    each = ", ".join(f"{peak_mb:.0f} MB for {size_mb:.0f} MB" for peak_mb, size_mb in pairs)
+    text = f"{grown:.1f} x the file plus {constant_mb:.0f} MB ({each})"
     return [("memory of a replay", text, "3 x the file plus a constant")]
 
 

@@ -14,7 +14,7 @@ from companion.samples import Kind
 
 
 @cache
-def _encoder(system_id: int) -> Encoder:
+def encoder_of(system_id: int) -> Encoder:
     return Encoder(system_id, mavlink.MAV_COMP_ID_AUTOPILOT1)
 
 
@@ -26,7 +26,7 @@ def frame_of(item: Item, system_id: int = 1) -> bytes:
     if isinstance(item, Throttle):
         return b""
     message = _height(item) if isinstance(item, Height) else _reading(item.reading)
-    return _encoder(system_id).encode(message) if message is not None else b""
+    return encoder_of(system_id).encode(message) if message is not None else b""
 
 
 def _reading(reading: Reading) -> Message | None:

@@ -6,6 +6,7 @@ import math
 import numpy as np
 
 from companion.jit import step
+from companion.kernels.atmosphere import qnh_pa
 from companion.mavlink.continuity import join, monotonic_at, withholds
 from companion.samples import Kind, Rows, Verdict
 
@@ -20,7 +21,7 @@ NEVER, ALWAYS, AUTO = 0, 1, 2
 """values of ``publish.altitude``"""
 OF_NONE, OF_OURS, OF_VEHICLE = 0, 1, 2
 """source of the height in ALTITUDE"""
-OUR_SLOT, OWN_SLOT = 0, 1
+OUR_SLOT, OWN_SLOT, DEBUG_SLOT = 0, 1, 2
 LOST = 2
 USED, STALE = int(Verdict.USED), int(Verdict.STALE)
 PRESSURE, HOME, STATUS = int(Kind.PRESSURE), int(Kind.HOME), int(Kind.STATUS)
@@ -29,7 +30,7 @@ RANGE, ATTITUDE = int(Kind.RANGE), int(Kind.ATTITUDE)
 OUTPUTS = np.dtype(
     [
         ("source", "i8"),
-        ("due_us", "i8", (2,)),  # the next slot of our heights, and of the vehicle's own
+        ("due_us", "i8", (3,)),  # the next slot of our heights, the vehicle's own, and DEBUG
         ("boots", "i8"),
         ("local_origin_m", "f8"),
         ("home_m", "f8"),
@@ -49,7 +50,7 @@ OUTPUTS = np.dtype(
     ],
     align=True,
 )
-OUTPUT_PARAMS = np.dtype([("mode", "i8"), ("period_us", "i8")], align=True)
+OUTPUT_PARAMS = np.dtype([("mode", "i8"), ("period_us", "i8", (3,))], align=True)
 ALTITUDE = np.dtype(
     [
         ("time_us", "i8"),
@@ -76,8 +77,8 @@ def restart(o: Rows) -> None:
 
 @step
 def takes(o: Rows, p: Rows, slot: int, now_us: int) -> bool:
-    """`companion.mavlink.schedule.Schedule.takes` of one of the two slots."""
-    due_us, period_us = o[0].due_us[slot], p[0].period_us
+    """`companion.mavlink.schedule.Schedule.takes` of one of the slots."""
+    due_us, period_us = o[0].due_us[slot], p[0].period_us[slot]
     early_us = period_us // 10
     if due_us == NEVER_US:
         o[0].due_us[slot] = now_us + period_us
@@ -117,24 +118,30 @@ def may_send(o: Rows, p: Rows, now_us: int) -> bool:
 
 
 @step
-def own_height(o: Rows, p: Rows, now_us: int, health: int) -> bool:
-    """Whether ALTITUDE with the vehicle's own heights, which are in the record, is due."""
+def own_height(o: Rows, p: Rows, monotonic: Rows, now_us: int, health: int, out: Rows) -> bool:
+    """Whether ALTITUDE with the vehicle's own heights, which are in the record, is due; `out`, an
+    `ALTITUDE` row, gets them then."""
     ours_us, own_us = o[0].ours_us, o[0].own_us
     is_ours = ours_us != NEVER_US and abs(now_us - ours_us) < OURS_MISSING_US
     if (health != LOST and is_ours) or not may_send(o, p, now_us):
         return False
     if not takes(o, p, OWN_SLOT, own_us):
         return False
-    of_vehicle(o)
+    of_vehicle(o, monotonic, now_us, out)
     return True
 
 
 @step
-def of_vehicle(o: Rows) -> None:
-    """ALTITUDE carries the vehicle's own height."""
+def of_vehicle(o: Rows, monotonic: Rows, now_us: int, out: Rows) -> None:
+    """ALTITUDE carries the vehicle's own heights: `out` gets them."""
     o[0].source = OF_VEHICLE
     if math.isnan(o[0].local_origin_m):
         o[0].local_origin_m = o[0].own_amsl_m
+    out[0].time_us, out[0].amsl_m = o[0].own_us, o[0].own_amsl_m
+    out[0].monotonic_m = monotonic_at(monotonic, now_us)
+    out[0].local_m = o[0].own_amsl_m - o[0].local_origin_m
+    out[0].relative_m = o[0].own_home_m
+    out[0].clearance_m = clearance_m(o, now_us)
 
 
 @step
@@ -220,3 +227,12 @@ def clearance_m(o: Rows, now_us: int) -> float:
         return math.nan
     tilted = s.tilt_us != NEVER_US and abs(now_us - s.tilt_us) <= FRESH_US
     return s.range_m * (s.cos_tilt if tilted else 1.0)
+
+
+@step
+def qnh_hpa(o: Rows, monotonic: Rows, estimate: Rows, now_us: int) -> float:
+    """Altimeter setting that makes the barometer show the altitude; NaN where either is unknown."""
+    altitude_m = estimate[0].altitude_amsl_m
+    if not (math.isfinite(monotonic_at(monotonic, now_us)) and math.isfinite(altitude_m)):
+        return math.nan
+    return qnh_pa(o[0].pressure_pa, altitude_m) * 0.01

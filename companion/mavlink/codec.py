@@ -279,6 +279,28 @@ def _field(value: Any) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
 
+@cache
+def _packing(message_id: int) -> tuple[Callable[..., bytes], Callable[[Message], Any]]:
+    """How to pack the payload of a kind, and the numbers and texts of a message to pack."""
+    kind, found = mavlink.mavlink_map[message_id], numbers(message_id)
+    if found is not None:
+        return found.pack, found.fields
+    types = dict(zip(kind.fieldnames, kind.fieldtypes, strict=True))
+    sizes = [
+        (f"_{name}_raw" if types[name] == "char" else name, count)
+        for name, count in zip(kind.ordered_fieldnames, kind.lengths, strict=True)
+    ]
+
+    def fields(message: Message) -> list[Any]:
+        values: list[Any] = []
+        for name, count in sizes:
+            value = getattr(message, name)
+            values += [value] if count == 1 else value[:count]
+        return values
+
+    return kind.unpacker.pack, fields
+
+
 class Encoder:
     """Messages -> frames of one sender, with its sequence numbers, signed if `signing` is given."""
 
@@ -302,10 +324,10 @@ class Encoder:
         message_id: int = type(message).id  # the instance's may be a field of that name
         if version == 1 and message_id > 0xFF:
             return b""
-        sequence, found = self._mav.seq, numbers(message_id)
-        if self._signing is None and found is not None:
-            payload = found.pack(*found.fields(message))
-            data = self._frame(message_id, payload, sequence, version)
+        sequence = self._mav.seq
+        if self._signing is None:
+            pack, fields = _packing(message_id)
+            data = self._frame(message_id, pack(*fields(message)), sequence, version)
             if not isinstance(message, tuple):
                 message._msgbuf = data
         else:
@@ -313,8 +335,7 @@ class Encoder:
             if isinstance(message, tuple):  # a light one
                 values = dict(zip(kind.ordered_fieldnames, message, strict=True))
                 message = kind(**values)
-            data = message.pack(self._mav, force_mavlink1=version == 1)
-            data = _without_extensions(data) if version == 1 else data
+            data = message.pack(self._mav)
         self._mav.seq = (sequence + 1) % 256
         return data
 
@@ -332,14 +353,3 @@ class Encoder:
         body = head + payload
         crc = mcrf4xx(body + bytes((CRC_EXTRA[message_id],)))
         return start + body + crc.to_bytes(CHECKSUM, "little")
-
-
-def _without_extensions(data: bytes) -> bytes:
-    """MAVLink 1 has no extension fields, and old receivers refuse a frame that is too long;
-    pymavlink sends them."""
-    size = V1_LENGTHS[data[5]].start
-    if data[1] <= size:
-        return data
-    body = bytes([size]) + data[2 : V1_HEADER + size]
-    crc = mcrf4xx(body + bytes([CRC_EXTRA[data[5]]]))
-    return data[:1] + body + crc.to_bytes(CHECKSUM, "little")

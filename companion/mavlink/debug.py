@@ -4,7 +4,9 @@
 """
 
 import math
+import struct
 from collections.abc import Callable, Mapping
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -56,16 +58,16 @@ HEALTH_NAME = "klHealth"
 
 
 def debug_messages(
-    now_us: int, health: Health, estimate: Rows, state: Rows, qnh_hpa: float
+    now_us: int, health: Health, estimate: Rows, floats: list[float], qnh_hpa: float
 ) -> list[Message]:
-    """One of each; in LOST only the health."""
+    """One of each; in LOST only the health. `floats` are those of the state (`state_floats`)."""
     boot_ms = now_us // 1000 & 0xFFFFFFFF
     messages: list[Message] = [_named(boot_ms, HEALTH_NAME, int(health))]
     if health is Health.LOST:
         return messages
     value = estimate[0]
     sd_m, climb_mps = float(value["altitude_sd_m"]), float(value["climb_mps"])
-    floats = [*state_floats(state)[:-1], _single(float(value["protection_level_m"]))]
+    floats = [*floats[:-1], _single(float(value["protection_level_m"]))]
     messages += [_named(boot_ms, name, row.value(value, qnh_hpa)) for name, row in NAMED.items()]
     return [
         *messages,
@@ -80,21 +82,31 @@ def debug_messages(
 def state_floats(state: Rows) -> list[float]:
     """The floats of an estimator's state in the order of its dtype, histories left out; 58 of them,
     zero-filled."""
-    values = np.array(_floats(state))
-    padded = np.zeros(FLOAT_ARRAY_SIZE)
-    padded[: min(values.size, FLOAT_ARRAY_SIZE)] = values[:FLOAT_ARRAY_SIZE]
-    return [_single(float(value)) for value in padded]
+    layout, filling = _layout(state.dtype)
+    values = layout.unpack_from(state.tobytes())
+    return [*map(_single, values), *filling]
 
 
-def _floats(state: Rows) -> list[float]:
-    """Floats and short arrays of floats of a record, shape (1,), those of nested records in their
-    place."""
-    found: list[float] = []
-    for name, (kind, *_) in (state.dtype.fields or {}).items():
-        if kind.base.kind == "V":
-            found += _floats(state[name])
+@cache
+def _layout(state: np.dtype[Any]) -> tuple[struct.Struct, list[float]]:
+    """Where the floats are in the bytes of a state, and the zeros behind them."""
+    text, at = "=", 0
+    floats = _floats(state)[:FLOAT_ARRAY_SIZE]
+    for kind, offset in floats:
+        text, at = f"{text}{offset - at}x{kind.char}", offset + kind.itemsize
+    return struct.Struct(text), [0.0] * (FLOAT_ARRAY_SIZE - len(floats))
+
+
+def _floats(state: np.dtype[Any], start: int = 0) -> list[tuple[np.dtype[Any], int]]:
+    """Type and offset of the floats and of the elements of short arrays of floats of a record,
+    those of nested records in their place."""
+    found: list[tuple[np.dtype[Any], int]] = []
+    for kind, offset, *_ in (state.fields or {}).values():
+        base, first = kind.base, start + offset
+        if base.kind == "V":
+            found += _floats(base, first)
         elif _is_shown(kind):
-            found += np.ravel(state[name][0]).tolist()
+            found += [(base, first + base.itemsize * k) for k in range(math.prod(kind.shape))]
     return found
 
 

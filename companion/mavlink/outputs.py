@@ -21,19 +21,16 @@ time_usec             vehicle boot time of the estimate, or of the vehicle's own
 `continuity` keeps steps and leaps out of these heights.
 """
 
-import math
 from enum import Enum
 from typing import Any
 
 from companion.health import Health
-from companion.kernels.atmosphere import qnh_pa
 from companion.mavlink import altitude_steps as steps
 from companion.mavlink.altitude_steps import ALTITUDE, NEVER_US, OUTPUT_PARAMS, OUTPUTS
 from companion.mavlink.codec import Message, mavlink, numbers
 from companion.mavlink.continuity import Leap, Monotonic
-from companion.mavlink.debug import debug_messages
-from companion.mavlink.own_heights import OwnHeights, own_altitude, own_heights
-from companion.mavlink.schedule import Schedule
+from companion.mavlink.debug import debug_messages, state_floats
+from companion.mavlink.own_heights import OwnHeights, own_heights
 from companion.mavlink.sections import PublishSettings
 from companion.samples import Kind, Rows, Verdict, rows
 
@@ -83,9 +80,9 @@ class Outputs:
         self.state["due_us"] = NEVER_US
         self.params: Rows = rows(OUTPUT_PARAMS)
         self.params["mode"] = MODES[settings.altitude]
-        self.params["period_us"] = round(1e6 / settings.altitude_hz)
+        rates_hz = (settings.altitude_hz, settings.altitude_hz, settings.debug_hz)
+        self.params["period_us"] = [round(1e6 / rate_hz) for rate_hz in rates_hz]
         self.heights: Rows = rows(ALTITUDE)
-        self._debug_slots = Schedule(settings.debug_hz)
         self.restart()
 
     def restart(self) -> None:
@@ -114,11 +111,12 @@ class Outputs:
 
     def own_height(self, message: Message, now_us: int, health: Health) -> Message | None:
         """Take GLOBAL_POSITION_INT; ALTITUDE with these heights while ours cannot be sent."""
-        own, state = own_heights(message), self.state[0]
-        state["own_us"], state["own_amsl_m"], state["own_home_m"] = own
-        if not steps.own_height(self.state, self.params, now_us, int(health)):
+        state, out = self.state[0], self.heights
+        state["own_us"], state["own_amsl_m"], state["own_home_m"] = own_heights(message)
+        monotonic = self.monotonic.state
+        if not steps.own_height(self.state, self.params, monotonic, now_us, int(health), out):
             return None
-        return self._of_vehicle(own, now_us)
+        return self.message()
 
     def last_height(self, now_us: int) -> Message | None:
         """ALTITUDE with the vehicle's own heights, for the end of a run; None when these are
@@ -128,16 +126,8 @@ class Outputs:
             return None
         if not steps.may_send(self.state, self.params, now_us):
             return None
-        steps.of_vehicle(self.state)
-        return self._of_vehicle(own, now_us)
-
-    def _of_vehicle(self, own: OwnHeights, now_us: int) -> Message:
-        return own_altitude(
-            own,
-            float(self.state["local_origin_m"][0]),
-            monotonic_m=self.monotonic.at(now_us),
-            clearance_m=float(steps.clearance_m(self.state, now_us)),
-        )
+        steps.of_vehicle(self.state, self.monotonic.state, now_us, self.heights)
+        return self.message()
 
     def sample(self, kind: Kind, row: Rows, verdict: Verdict, estimate: Rows) -> None:
         """Follow a sample and its verdict."""
@@ -164,19 +154,17 @@ class Outputs:
 
     def message(self) -> Message:
         """ALTITUDE with the heights that the compiled rules left."""
-        return altitude_message(self.heights[0])
+        return altitude_message(self.heights[0].item())
 
     def is_debug_due(self, now_us: int) -> bool:
         """Whether the DEBUG family is due."""
-        return self.settings.debug and now_us >= 0 and self._debug_slots.takes(now_us)
+        takes = self.settings.debug and now_us >= 0
+        return takes and bool(steps.takes(self.state, self.params, steps.DEBUG_SLOT, now_us))
 
     def debug(self, now_us: int, health: Health, estimate: Rows, state: Rows) -> list[Message]:
         """The DEBUG family: in LOST only the health."""
-        qnh_hpa = math.nan
-        altitude_m = float(estimate[0]["altitude_amsl_m"])
-        if math.isfinite(self.monotonic.at(now_us)) and math.isfinite(altitude_m):
-            qnh_hpa = qnh_pa(float(self.state["pressure_pa"][0]), altitude_m) * 0.01
-        return debug_messages(now_us, health, estimate, state, qnh_hpa)
+        qnh_hpa = steps.qnh_hpa(self.state, self.monotonic.state, estimate, now_us)
+        return debug_messages(now_us, health, estimate, state_floats(state), float(qnh_hpa))
 
 
 _LAYOUT = numbers(mavlink.MAVLINK_MSG_ID_ALTITUDE)
@@ -185,9 +173,9 @@ _make_altitude = _LAYOUT.make
 """of the fields in the order of the wire, which is that of the message"""
 
 
-def altitude_message(heights: Any) -> Message:
-    """The light message of an `ALTITUDE` record."""
-    time_us, monotonic_m, amsl_m, local_m, relative_m, clearance_m = heights.item()
+def altitude_message(heights: tuple[Any, ...]) -> Message:
+    """The light message of the fields of an `ALTITUDE` record."""
+    time_us, monotonic_m, amsl_m, local_m, relative_m, clearance_m = heights
     return _make_altitude(
         (time_us, monotonic_m, amsl_m, local_m, relative_m, clearance_m, clearance_m)
     )

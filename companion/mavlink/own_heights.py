@@ -19,14 +19,8 @@ def own_heights(message: Message) -> OwnHeights:
     return OwnHeights(message.time_boot_ms * 1000, message.alt * 1e-3, message.relative_alt * 1e-3)
 
 
-def own_altitude(
-    own: OwnHeights,
-    origin_m: float,
-    *,
-    monotonic_m: float = math.nan,
-    clearance_m: float = math.nan,
-) -> Message:
-    """ALTITUDE with the vehicle's own heights.
+def own_altitude(own: OwnHeights, origin_m: float) -> Message:
+    """ALTITUDE with the vehicle's own heights, and nothing of a sensor.
 
     Parameters
     ----------
@@ -34,10 +28,10 @@ def own_altitude(
     """
     return mavlink.MAVLink_altitude_message(
         own.time_us,
-        monotonic_m,
+        math.nan,
         own.altitude_amsl_m,
         own.altitude_amsl_m - origin_m,
         own.height_above_home_m,
-        clearance_m,
-        clearance_m,
+        math.nan,
+        math.nan,
     )

@@ -30,6 +30,8 @@ INDEX = np.dtype(
 )
 """One row a frame."""
 
+STAMP = 8
+"""bytes of the time of a record"""
 V1, V2 = 0xFE, 0xFD
 V1_HEADER, V2_HEADER = 6, 10
 CHECKSUM, SIGNATURE, SIGNED = 2, 13, 1
@@ -163,3 +165,38 @@ def gather(data: Rows, starts: Rows, lengths: Rows, table: Rows) -> None:
             table[row, i] = data[int(starts[row]) + i]
         for i in range(used, width):
             table[row, i] = 0
+
+
+@step
+def merge_records(
+    times_us: Rows, data: Rows, index: Rows, places: Rows, ends: Rows, ours: Rows, records: Rows
+) -> None:
+    """Write the records of a log's frames, with frames of ours behind some of them.
+
+    Parameters
+    ----------
+    times_us : int64, shape (n,), of the log's frames.
+    data, index : the buffer of these frames, and INDEX rows of shape (n,).
+    places : int64, shape (m,), increasing: the frame of the log that each of ours follows.
+    ends : int64, shape (m + 1,): where each of ours begins in `ours`, and where the last ends.
+    records : uint8, gets a big-endian time and a frame each; as long as all of them.
+    """
+    at, k = 0, 0
+    for i in range(times_us.shape[0]):
+        at = _write_record(times_us[i], data, index[i].start, index[i].stop, records, at)
+        while k < places.shape[0] and places[k] == i:
+            at = _write_record(times_us[i], ours, ends[k], ends[k + 1], records, at)
+            k += 1
+
+
+@step
+def _write_record(
+    time_us: int, data: Rows, start: int, stop: int, records: Rows, at: int
+) -> int:  # fmt: skip
+    """Write one record; where the next begins."""
+    for k in range(STAMP):
+        records[at + k] = time_us >> 8 * (STAMP - 1 - k) & 0xFF
+    at += STAMP
+    for k in range(stop - start):
+        records[at + k] = data[start + k]
+    return at + stop - start

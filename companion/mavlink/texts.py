@@ -3,6 +3,7 @@
 from companion.mavlink.codec import Message, mavlink
 
 SPACING_US = 5_000_000
+LONG_AGO_US = -(1 << 62)
 STATUSTEXT_SIZE = 50
 
 
@@ -48,6 +49,16 @@ class StatusTexts:
         self._waiting.pop(kind, None)
         if kind in self._told:
             self._told[kind] = (self._told[kind][0], None)
+
+    @property
+    def waiting_us(self) -> list[int]:
+        """When the last text was sent of each kind of which another waits; long ago where that one
+        need not wait."""
+        found = []
+        for kind, (state, _, _) in self._waiting.items():
+            last_us, last_state = self._told.get(kind, (LONG_AGO_US, None))
+            found.append(LONG_AGO_US if state == last_state else last_us)
+        return found
 
     def due(self, now_us: int) -> list[Message]:
         """The texts that may go out now."""

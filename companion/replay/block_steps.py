@@ -2,9 +2,9 @@
 takes for each message live, over the messages of a block.
 
 `take_in` makes samples of readings, an estimator's `run` follows, and `follow` does what comes
-after a sample: the independent check, health, ALTITUDE. Both stop before a message that needs more
-than these steps, such as a restart of the vehicle or something to log; the pipeline takes that
-one.
+after a sample: the independent check, health, what is to be sent. Both stop before a message that
+needs more than these steps, such as a restart of the vehicle, something to log, or a text to the
+pilot; the pipeline takes that one.
 """
 
 import math
@@ -12,42 +12,45 @@ from typing import NamedTuple
 
 import numpy as np
 
-from companion import at_rest
-from companion.agreement import follow_fix, follow_pressure
-from companion.checker import ELLIPSOID, asks_restart, objection
-from companion.health_steps import LOST, OF_HOST, alive, assess, heard, is_due, lose, silence
-from companion.intake.clock_steps import DOUBT, REBOOT, note_unix, place
-from companion.intake.receiver_steps import (
-    DOUBTS_MIN,
-    LEAST_UNDULATION_M,
-    check_height,
-    check_unreported,
-    doubt,
-    fix_works,
-    is_height,
-    number,
-    pressure_works,
-)
-from companion.intake.row_steps import DOUBTED, LARGEST_DOUBT_M, RIGHT, UNSETTLED, air_time
-from companion.intake.screen_steps import baro_m, judge_fix, judge_pressure
-from companion.intake.simulation import is_met, note_fix
+from companion.health_steps import LOST, OF_HOST, alive, lose, silence
+from companion.intake.clock_steps import note_unix
+from companion.intake.row_steps import DOUBTED
+from companion.intake.simulation import is_met
 from companion.jit import step
-from companion.known_air import is_due as is_air_due
-from companion.mavlink import altitude_steps
-from companion.mavlink.altitude_steps import altitude, own_height, vehicle_altitude
-from companion.mavlink.imu_steps import accepts, replaces_pressure
-from companion.samples import MAX_INSTANCES, Kind, Rows, Tables, Verdict
+from companion.mavlink.altitude_steps import (
+    ALTITUDE,
+    DEBUG_SLOT,
+    OF_OURS,
+    OF_VEHICLE,
+    own_height,
+    qnh_hpa,
+    takes,
+    vehicle_altitude,
+)
+from companion.reading_steps import (
+    ASSESSED,
+    CHANGED,
+    DUE,
+    LEFT_OUT,
+    REPLACED,
+    RESTARTS,
+    TELLS,
+    USED,
+    Following,
+    Intaking,
+    follow_sample,
+    react,
+    take_reading,
+)
+from companion.samples import Rows, Tables
 
 PLAIN, PYTHON, SYSTEM_TIME, OWN_HEIGHT, ALTITUDE_HEARD, TRUTH = range(6)
 RECORDED_HEIGHT, RECORDED_TRUTH = 6, 7
 """what an item is, beside its readings; PYTHON is for the pipeline"""
-LEFT_OUT, NO_SAMPLE = -2, -1
+OUT_OF_TIME, NO_SAMPLE = -2, -1
 """places of a reading without a sample: one that was dropped, and one that only moved the clock"""
-NO_CLOCK, CLOCK_JUMPED, REPLACED = range(3)
-IMU, PRESSURE, GNSS = int(Kind.IMU), int(Kind.PRESSURE), int(Kind.GNSS)
-ATTITUDE, RANGE, AIR = int(Kind.ATTITUDE), int(Kind.RANGE), int(Kind.AIR)
-STATUS, HOME, AIRSPEED = int(Kind.STATUS), int(Kind.HOME), int(Kind.AIRSPEED)
-USED, STALE = int(Verdict.USED), int(Verdict.STALE)
+NO_CLOCK, CLOCK_JUMPED, OF_REPLACED = range(3)
+"""places of the counters of readings without a sample"""
 
 ITEM = np.dtype(
     [
@@ -66,58 +69,45 @@ ITEM = np.dtype(
     ],
     align=True,
 )
-READING = np.dtype(
+TELLING = np.dtype(
     [
-        ("kind", "i8"),
-        ("row", "i8"),  # in the table of its kind
-        ("origin", "i8"),
-        ("stamp_us", "i8"),
-        ("source", "i8"),  # message
-        ("instance", "i8"),
-        ("rank", "i8"),  # of an IMU message; -1 none
-        ("is_highres", "i8"),
-        ("place", "i8"),  # of its sample in the order, LEFT_OUT, NO_SAMPLE
-        ("time_us", "i8"),  # of its sample
-        ("number", "i8"),  # of its sensor among its kind
-        ("now_us", "i8"),  # the vehicle's clock after it
-        ("unix_us", "i8"),
-        ("doubt_m", "f8"),
-        ("above_m", "f8"),  # undulation of the geoid, of a fix with equal heights
+        ("sends", "i8"),  # whether messages are made
+        ("debug", "i8"),  # whether the DEBUG family is among them,
+        ("texts", "i8"),  # and STATUSTEXT
+        ("source", "i8"),  # of the height in ALTITUDE: told last
+        ("excluded", "i8"),  # sensor: told last
+        ("count", "i8"),  # of the messages that are due
+        ("spacing_us", "i8"),  # of the texts of a kind
     ],
     align=True,
 )
+"""What is sent."""
+OUR_HEIGHT, OWN_HEIGHT_DUE, DEBUG_DUE = range(3)
+MESSAGE = np.dtype(
+    [
+        ("of_item", "i8"),
+        ("what", "i8"),
+        ("now_us", "i8"),
+        ("health", "i8"),
+        ("sample", "i8"),  # how many samples there were
+        ("qnh_hpa", "f8"),
+        ("heights", ALTITUDE),
+    ],
+    align=True,
+)
+"""A message that is due; `heights` of an ALTITUDE, the health and what follows of the DEBUG family.
+"""
 
 
-class Intaking(NamedTuple):
-    """State and parameters of the intake."""
+class Telling(NamedTuple):
+    """What is sent, and what is due."""
 
-    clock: Rows
-    clock_params: Rows
-    air: Rows
-    row_params: Rows
-    choice: Rows
-    screen: Rows
-    screen_params: Rows
-    known_air: Rows
-    at_rest: Rows
-    simulation: Rows
-    receivers: tuple[Rows, Rows, Rows, Rows]
-    primaries: tuple[Rows, Rows]
-    counts: Rows
-
-
-class Following(NamedTuple):
-    """State and parameters of what follows a sample."""
-
-    agreement: Rows
-    checker: Rows
-    health: Rows
-    health_params: Rows
-    outputs: Rows
-    output_params: Rows
-    monotonic: Rows
-    leap: Rows
-    heights: Rows
+    state: Rows
+    """TELLING"""
+    waiting_us: Rows
+    """int64, when the last text of each kind was sent of which another waits"""
+    messages: Rows
+    """MESSAGE, a row for each message that may become due"""
 
 
 @step
@@ -158,17 +148,22 @@ def copy_words(target: Rows, column: int, source: Rows, places: Rows) -> None:
 
 @step
 def take_in(
-    items: Rows, readings: Rows, tables: Tables, s: Intaking, start: int, stop: int, count: int
-) -> tuple[int, int]:
+    items: Rows, readings: Rows, tables: Tables, s: Intaking, outputs: Rows, output_params: Rows,
+    told: Rows, counts: Rows, start: int, stop: int,
+) -> tuple[int, int]:  # fmt: skip
     """Make samples of the readings of ``items[start:stop]``: rows of `tables`, in its order.
+
+    Parameters
+    ----------
+    told : TELLING, with the state and parameters of the outputs for the slots of DEBUG.
+    counts : int64, shape (3,), gets the readings without a sample.
 
     Returns
     -------
     stop : the item that the pipeline has to take, or `stop`.
     count : of samples in the order.
     """
-    changes, wrong = s.screen[0].changes, s.clock[0].wrong_units
-    doubted = s.row_params[0].equal_heights == DOUBTED
+    count, doubted = 0, s.row_params[0].equal_heights == DOUBTED
     for f in range(start, stop):
         item = items[f]
         if item.what == PYTHON:
@@ -183,112 +178,29 @@ def take_in(
             return f, count
         for r in range(item.first, item.first + item.count):
             reading = readings[r]
-            effect, time_us = place(
-                s.clock, s.clock_params, reading.origin, reading.stamp_us, reading.source,
-                item.arrival_us,
-            )  # fmt: skip
-            if effect == REBOOT or s.clock[0].wrong_units != wrong:
+            became = take_reading(readings[r : r + 1], tables, s, item.arrival_us, True)
+            if became >= TELLS:
                 return f, count
-            reading.now_us, reading.unix_us = s.clock[0].now_us, s.clock[0].unix_us
-            if effect == DOUBT or not 0 <= reading.instance < MAX_INSTANCES:
-                s.counts[NO_CLOCK if s.clock[0].now_us < 0 else CLOCK_JUMPED] += 1
-                reading.place = LEFT_OUT
+            if became == LEFT_OUT:
+                counts[NO_CLOCK if s.clock[0].now_us < 0 else CLOCK_JUMPED] += 1
+                reading.place = OUT_OF_TIME
                 continue
-            if _is_replaced(readings[r : r + 1], tables, s):
-                s.counts[REPLACED] += 1
+            if became == REPLACED:
+                counts[OF_REPLACED] += 1
                 reading.place = NO_SAMPLE
-            elif _fill(readings[r : r + 1], tables, s, time_us):
-                return f, count
             else:
                 reading.place = count
                 tables.order[count].kind, tables.order[count].row = reading.kind, reading.row
                 count += 1
-            reading.doubt_m = s.receivers[0][0].doubt_m
-        if s.screen[0].changes != changes:
-            return f, count
+            if told[0].debug and takes(outputs, output_params, DEBUG_SLOT, reading.now_us):
+                reading.debug = 1 + count
     return stop, count
-
-
-@step
-def _is_replaced(reading: Rows, tables: Tables, s: Intaking) -> bool:
-    """Whether the same sensor has a better message."""
-    kind, row, now_us = reading[0].kind, reading[0].row, reading[0].now_us
-    if kind == IMU:
-        force = tables.imu[row].specific_force_b_mps2
-        sensor = reading[0].source * 8 + reading[0].instance
-        return not accepts(s.choice, sensor, reading[0].rank, force[0], force[1], force[2], now_us)
-    if kind == PRESSURE:
-        return replaces_pressure(s.choice, reading[0].is_highres == 1, reading[0].instance, now_us)
-    return False
-
-
-@step
-def _fill(reading: Rows, tables: Tables, s: Intaking, time_us: int) -> bool:
-    """Complete the row of a reading at `time_us`; True when that needs the pipeline."""
-    kind, row = reading[0].kind, reading[0].row
-    reading[0].time_us, reading[0].number = time_us, reading[0].instance
-    if kind == IMU:
-        tables.imu[row].time_us = time_us
-    elif kind == PRESSURE:
-        pressure = tables.pressure[row : row + 1]
-        pressure[0].time_us = time_us
-        if number(s.primaries[0], pressure, pressure_works(pressure)):
-            return True
-        reading[0].number = pressure[0].instance
-        judge_pressure(s.screen, s.screen_params, pressure)
-        if not math.isnan(s.known_air[0].elevation_m):
-            at_rest.follow_pressure(s.at_rest, pressure)
-        return is_air_due(s.known_air, s.at_rest, reading[0].now_us)
-    elif kind == GNSS:
-        fix = tables.gnss[row : row + 1]
-        fix[0].time_us = time_us - s.row_params[0].latency_us
-        if _check_fix(fix, s, reading[0].above_m):
-            return True
-        reading[0].time_us, reading[0].number = fix[0].time_us, fix[0].instance
-        judge_fix(s.screen, s.screen_params, fix)
-        if not math.isnan(s.known_air[0].elevation_m):
-            at_rest.follow_fix(s.at_rest, fix)
-    elif kind == ATTITUDE:
-        tables.attitude[row].time_us = time_us
-    elif kind == RANGE:
-        tables.range[row].time_us = time_us
-    elif kind == AIR:
-        reading[0].time_us = air_time(s.air, time_us)
-        tables.air[row].time_us = reading[0].time_us
-        tables.air[row].air_temperature_k -= s.row_params[0].air_excess_k
-    elif kind == STATUS:
-        tables.status[row].time_us = time_us
-        at_rest.follow_status(s.at_rest, tables.status[row : row + 1])
-    elif kind == HOME:
-        tables.home[row].time_us = time_us
-    elif kind == AIRSPEED:
-        tables.airspeed[row].time_us = time_us
-    return False
-
-
-@step
-def _check_fix(fix: Rows, s: Intaking, above_m: float) -> bool:
-    """Check a fix, and number its receiver; True when that needs the pipeline. `above_m` is the
-    undulation of the geoid there."""
-    if is_height(fix):
-        receiver, height_m = s.receivers[fix[0].instance], baro_m(s.screen, fix[0].time_us)
-        if check_height(receiver, fix, height_m) != 0:
-            return True
-        meaning = s.row_params[0].equal_heights
-        if meaning != RIGHT and fix[0].altitude_amsl_m == fix[0].altitude_ellipsoid_m:
-            if meaning == UNSETTLED or receiver[0].doubts == DOUBTS_MIN - 1:
-                return True
-            if abs(above_m) >= LEAST_UNDULATION_M:
-                note_fix(s.simulation, fix[0].altitude_amsl_m, above_m)
-                doubt(receiver, fix, above_m)
-        check_unreported(receiver, fix, height_m)
-    return number(s.primaries[1], fix, fix_works(fix))
 
 
 @step
 def follow(
     items: Rows, readings: Rows, tables: Tables, estimates: Rows, verdicts: Rows, healths: Rows,
-    s: Following, start: int, stop: int, latest: int,
+    s: Following, t: Telling, start: int, stop: int,
 ) -> tuple[int, int]:  # fmt: skip
     """What comes after the samples of ``items[start:stop]``.
 
@@ -296,94 +208,108 @@ def follow(
     ----------
     estimates : of ESTIMATE, after each sample; the first is that before the first sample.
     healths : int64, gets the health before what a sample does to it.
-    latest : how many samples there were before `start`.
 
     Returns
     -------
     stop : the item that the pipeline has to take, or `stop`.
     published : how many ALTITUDE of ours were due.
     """
-    published = 0
+    latest, published, told = 0, 0, t.state[0]
+    told.count = 0
     for f in range(start, stop):
         item = items[f]
         if item.is_vehicle:
             alive(s.health, s.health_params, item.arrival_us)
         if item.what == OWN_HEIGHT:
-            s.outputs[0].own_us, s.outputs[0].own_amsl_m = item.a_us, item.altitude_m
-            s.outputs[0].own_home_m = item.above_home_m
-            own_height(s.outputs, s.output_params, item.now_us, s.health[0].health)
+            if not _own_height(items[f : f + 1], f, s, t, latest):
+                return f, published
         elif item.what == ALTITUDE_HEARD:
             vehicle_altitude(s.outputs, item.now_us)
         for r in range(item.first, item.first + item.count):
-            at, used = readings[r].place, False
-            if at == LEFT_OUT:
+            reading, at, used = readings[r : r + 1], readings[r].place, False
+            if at == OUT_OF_TIME:
                 continue
             if at >= 0:
-                latest = at + 1
-                estimate = estimates[latest : latest + 1]
-                _sample(readings[r : r + 1], tables, estimate, verdicts[at], s)
-                healths[at], used = s.health[0].health, verdicts[at] == USED
-            due = _react(readings[r : r + 1], estimates[latest : latest + 1], s, used)
-            if due < 0:
+                latest, used = at + 1, verdicts[at] == USED
+                follow_sample(reading, tables, estimates[latest : latest + 1], verdicts[at], s)
+                healths[at] = s.health[0].health
+            estimate = estimates[latest : latest + 1]
+            found = react(reading, estimate, s, used)
+            if found & RESTARTS or not _tell(reading, estimate, f, s, t, found, latest):
                 return f, published
-            published += due
-        lost = silence(s.health, s.health_params, item.arrival_us) if item.is_frame else 0
-        if lost and s.health[0].health != LOST:
+            published += 1 if found & DUE else 0
+        if not item.is_frame:
+            continue
+        if _is_text_due(t, item.arrival_us) or not _is_heard(s, item.arrival_us):
             return f, published
-        if lost == 1 and (s.health[0].reason != OF_HOST or s.health[0].detail != 1):
-            return f, published
-        if lost:
-            lose(s.health, s.health_params, lost, item.arrival_us)
     return stop, published
 
 
 @step
-def _sample(reading: Rows, tables: Tables, estimate: Rows, verdict: int, s: Following) -> None:
-    """Follow a sample and its verdict."""
-    kind, row = reading[0].kind, reading[0].row
-    instance, now_us, o = 0, reading[0].now_us, s.outputs
-    if kind == PRESSURE:
-        pressure = tables.pressure[row : row + 1]
-        instance = pressure[0].instance
-        follow_pressure(s.agreement, pressure)
-        if verdict != STALE:
-            altitude_steps.follow_pressure(o, s.monotonic, pressure, verdict)
-        if instance == 0 or verdict == USED:
-            heard(s.health, s.health_params, kind, verdict, now_us, pressure[0].arrival_us)
-    elif kind == GNSS:
-        fix = tables.gnss[row : row + 1]
-        instance = fix[0].instance
-        follow_fix(s.agreement, fix)
-        if instance == 0 or verdict == USED:
-            heard(s.health, s.health_params, kind, verdict, now_us, fix[0].arrival_us)
-    elif verdict == STALE:
-        return
-    elif kind == HOME:
-        altitude_steps.follow_home(o, tables.home[row : row + 1])
-    elif kind == STATUS:
-        altitude_steps.follow_status(o, tables.status[row : row + 1], estimate)
-    elif kind == RANGE:
-        altitude_steps.follow_range(o, tables.range[row : row + 1])
-    elif kind == ATTITUDE:
-        altitude_steps.follow_attitude(o, tables.attitude[row : row + 1])
+def _is_heard(s: Following, host_us: int) -> bool:
+    """Lose a height that is old on the host's clock; False when that is the pipeline's to tell."""
+    lost = silence(s.health, s.health_params, host_us)
+    if not lost:
+        return True
+    is_told = s.health[0].reason == OF_HOST and s.health[0].detail == 1
+    if s.health[0].health != LOST or (lost == 1 and not is_told):
+        return False
+    lose(s.health, s.health_params, lost, host_us)
+    return True
 
 
 @step
-def _react(reading: Rows, estimate: Rows, s: Following, used: bool) -> int:
-    """What is due now that the clock has moved: 1 when ALTITUDE is, 0, -1 when the pipeline has to
-    restart the estimator."""
-    now_us, h = reading[0].now_us, s.health
-    if used or is_due(h, now_us):
-        altitude_m, doubt_m = estimate[0].altitude_amsl_m, reading[0].doubt_m
-        code, apart_m = ELLIPSOID, doubt_m
-        if not doubt_m > LARGEST_DOUBT_M:
-            code, apart_m = objection(s.agreement, now_us, altitude_m), abs(s.agreement[0].gap_m)
-        assess(h, s.health_params, now_us, estimate, code, apart_m)
-        if asks_restart(s.checker, s.agreement, now_us, h[0].has_altitude == 1):
-            return -1
-    if not used:
-        return 0
-    is_due_now = altitude(
-        s.outputs, s.output_params, s.monotonic, s.leap, now_us, h[0].health, estimate, s.heights
-    )
-    return 1 if is_due_now else 0
+def _own_height(item: Rows, f: int, s: Following, t: Telling, latest: int) -> bool:
+    """Follow the vehicle's own height; False when the pipeline has to tell that it is sent now."""
+    o, told = s.outputs, t.state[0]
+    o[0].own_us, o[0].own_amsl_m = item[0].a_us, item[0].altitude_m
+    o[0].own_home_m = item[0].above_home_m
+    now_us, health = item[0].now_us, s.health[0].health
+    is_due = own_height(o, s.output_params, s.monotonic, now_us, health, s.heights)
+    if is_due and told.sends:
+        if told.source != OF_VEHICLE:
+            return False
+        _add(t, f, OWN_HEIGHT_DUE, s, now_us, latest)
+    return True
+
+
+@step
+def _tell(
+    reading: Rows, estimate: Rows, f: int, s: Following, t: Telling, found: int, latest: int
+) -> bool:
+    """Note what is to be sent after a reading; False when there is a text to tell."""
+    told, now_us = t.state[0], reading[0].now_us
+    if not told.sends:
+        return True
+    if told.texts and found & CHANGED:
+        return False
+    if told.texts and found & ASSESSED and estimate[0].faulty != told.excluded:
+        return False
+    if found & DUE and told.source != OF_OURS:
+        return False
+    if found & DUE:
+        _add(t, f, OUR_HEIGHT, s, now_us, latest)
+    if reading[0].debug:
+        _add(t, f, DEBUG_DUE, s, now_us, latest)
+        qnh = qnh_hpa(s.outputs, s.monotonic, estimate, now_us)
+        t.messages[told.count - 1].qnh_hpa = qnh
+    return True
+
+
+@step
+def _add(t: Telling, f: int, what: int, s: Following, now_us: int, latest: int) -> None:
+    """Note a message that is due: an ALTITUDE with the newest heights, or the DEBUG family."""
+    message = t.messages[t.state[0].count]
+    t.state[0].count += 1
+    message.of_item, message.what, message.now_us = f, what, now_us
+    message.health, message.sample = s.health[0].health, latest
+    message.heights = s.heights[0]
+
+
+@step
+def _is_text_due(t: Telling, host_us: int) -> bool:
+    """Whether one of the texts that wait may be sent (`companion.mavlink.texts`)."""
+    for k in range(t.waiting_us.shape[0]):
+        if not 0 <= host_us - t.waiting_us[k] < t.state[0].spacing_us:
+            return True
+    return False

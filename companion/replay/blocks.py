@@ -7,27 +7,24 @@ the piece before such a message is taken anew up to it, from a copy of the state
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from companion.intake import SampleReject
 from companion.intake.row_steps import DOUBTED, RIGHT, UNSETTLED
-from companion.mavlink.altitude_steps import ALTITUDE
 from companion.mavlink.codec import Frame, decode, mavlink
+from companion.mavlink.debug import state_floats
 from companion.mavlink.identity import Origin
+from companion.mavlink.outputs import SOURCES
 from companion.mavlink.record_scan import INDEX
+from companion.mavlink.texts import SPACING_US
 from companion.observer import Block, BlockObserver
 from companion.pipeline import Pipeline
+from companion.pipeline_state import following_of, intaking_of
 from companion.recorded import Batch, Item
-from companion.replay.block_steps import (
-    PYTHON,
-    Following,
-    Intaking,
-    follow,
-    take_in,
-)
+from companion.replay.block_steps import MESSAGE, PYTHON, TELLING, Telling, follow, take_in
 from companion.replay.columns import (
     CUSTOM_MODE,
     HEARTBEAT,
@@ -39,13 +36,14 @@ from companion.replay.columns import (
     sent_by,
     stations,
 )
+from companion.replay.merged import Merged, Outgoing
 from companion.samples import ESTIMATE, Kind, Rows, Verdict, readable, rows
 
 SMALLEST, LARGEST = 64, 1 << 14
 """frames of a piece: fewer where many are left to the pipeline"""
 SIMSTATE = mavlink.MAVLINK_MSG_ID_SIMSTATE
 REJECTS = (SampleReject.NO_CLOCK, SampleReject.CLOCK, SampleReject.REPLACED)
-Take = Callable[[int, Item], Any]
+Take = Callable[[int, Item], list[bytes]]
 Passed = Callable[[Batch], None]
 
 
@@ -59,6 +57,10 @@ class _Piece(NamedTuple):
     estimates: Rows
     verdicts: NDArray[np.int64]
     health: NDArray[np.int64]
+    due: Rows
+    """`block_steps.MESSAGE` rows of what is sent"""
+    floats: list[list[float]]
+    """of the estimator's state, for each of the DEBUG family"""
 
 
 class BlockRunner:
@@ -68,11 +70,18 @@ class BlockRunner:
     ----------
     take : gives one item to the pipeline.
     passed : told the part of a batch that was taken. `flush` tells it of all up to now.
+    merged : gets the items, and our frames; needed where the pipeline sends.
     """
 
-    def __init__(self, pipeline: Pipeline, take: Take, passed: Passed | None = None) -> None:
+    def __init__(
+        self,
+        pipeline: Pipeline,
+        take: Take,
+        passed: Passed | None = None,
+        merged: Merged | None = None,
+    ) -> None:
         self.pipeline = pipeline
-        self._take, self._passed = take, passed
+        self._take, self._passed, self._merged = take, passed, merged
         self._beat: Beat | None = None
         self._session = 0
         self._batch: Batch | None = None
@@ -85,12 +94,12 @@ class BlockRunner:
         """the frames of the batch that are counted, and those that were taken"""
         self._length = SMALLEST
         self._counts = np.zeros(len(REJECTS), np.int64)
-        self._heights = rows(ALTITUDE)
+        self._silent = Telling(rows(TELLING), np.zeros(0, np.int64), rows(MESSAGE, 0))
 
     def compile(self) -> None:
         """Compile the loops, by an empty block."""
         none: frozenset[int] = frozenset()
-        speaker = Speaker((1, 1), (1, 191), 0, 0, None, none, none, "none", 0, 0)
+        speaker = Speaker((1, 1), (1, 191), 2, 0, 0, None, none, none, "none", 0, 0)
         times_us = np.zeros(0, np.int64)
         nothing = Batch(times_us, times_us, 0, b"", rows(INDEX, 0))
         self._loops(arrays_of(nothing, 0, speaker, None), 0, 0)
@@ -129,7 +138,7 @@ class BlockRunner:
         if (
             vehicle is None
             or pipeline.now_us < 0
-            or pipeline.sends
+            or (pipeline.sends and not self._can_send())
             or pipeline.signing is not None
             or pipeline.air.reference is not None
         ):
@@ -140,6 +149,7 @@ class BlockRunner:
         return Speaker(
             vehicle,
             identity.own,
+            identity.version,
             identity.autopilot,
             identity.vehicle_type,
             pipeline.readings.imu.scale(identity.autopilot),
@@ -149,6 +159,15 @@ class BlockRunner:
             self._equal_heights(),
             session,
             self._beat,
+        )
+
+    def _can_send(self) -> bool:
+        """Whether what the pipeline sends can be made in blocks."""
+        pipeline, identity = self.pipeline, self.pipeline.identity
+        return (
+            self._merged is not None
+            and pipeline.feedback.knob is None
+            and identity.own != identity.vehicle
         )
 
     def _equal_heights(self) -> int:
@@ -172,7 +191,9 @@ class BlockRunner:
         if is_beat or self._signs or self.pipeline.identity.signed_us is not None:
             self.flush()
         self._at = at + 1
-        self._take(time_us, item)
+        sent = self._take(time_us, item)
+        if self._merged is not None:
+            self._merged.item(self.pipeline, time_us, item, sent)
         if not (is_beat and isinstance(item, Frame)):
             return
         if (item.system_id, item.component_id) == self.pipeline.identity.vehicle:
@@ -216,71 +237,74 @@ class BlockRunner:
 
     def _states(self) -> list[Rows]:
         """Everything that the loops write to, beside the arrays of the block."""
-        pipeline, intaking, following = self.pipeline, self._intaking(), self._following()
+        pipeline = self.pipeline
+        intaking = intaking_of(pipeline)
         return [
-            *intaking[:-3],
+            *intaking[:-2],
             *intaking.receivers,
             *intaking.primaries,
-            *following,
+            *following_of(pipeline),
             pipeline.filter.state,
             pipeline.filter.estimate,
         ]
 
-    def _intaking(self) -> Intaking:
-        pipeline, intake = self.pipeline, self.pipeline.intake
-        one, two, three, four = (receiver.state for receiver in intake.receivers)
-        pressure, gnss = (intake.primaries[kind].state for kind in (Kind.PRESSURE, Kind.GNSS))
-        return Intaking(
-            intake.clock.state,
-            intake.clock.params,
-            intake.state,
-            intake.params,
-            pipeline.readings.imu.state,
-            intake.datum.state,
-            intake.datum.params,
-            pipeline.air.state,
-            pipeline.air.at_rest.state,
-            intake.simulation.state,
-            (one, two, three, four),
-            (pressure, gnss),
-            self._counts,
-        )
-
-    def _following(self) -> Following:
-        pipeline, outputs = self.pipeline, self.pipeline.outputs
-        return Following(
-            pipeline.checker.sensors.state,
-            pipeline.checker.state,
-            pipeline.health.state,
-            pipeline.health.params,
-            outputs.state,
-            outputs.params,
-            outputs.monotonic.state,
-            outputs.leap.state,
-            self._heights,
-        )
+    def _telling(self, arrays: Arrays, start: int, stop: int) -> Telling:
+        """What is sent because of ``items[start:stop]``, and what is told already."""
+        pipeline, publish = self.pipeline, self.pipeline.settings.publish
+        if not pipeline.sends or start == stop:
+            return self._silent
+        announcements, state = pipeline.announcements, rows(TELLING)
+        state["sends"], state["debug"], state["texts"] = 1, publish.debug, publish.statustext
+        state["source"] = SOURCES.index(announcements.told_source)
+        state["excluded"], state["spacing_us"] = announcements.told_excluded, SPACING_US
+        most = stop - start + 2 * arrays.readings_of(start, stop).size
+        waiting_us = np.array(announcements.waiting_us, np.int64)
+        return Telling(state, waiting_us, readable(np.empty(most, MESSAGE)))
 
     def _loops(self, arrays: Arrays, start: int, stop: int) -> _Piece:
         """The compiled loops over ``items[start:stop]``."""
         items, readings, tables = arrays.items, arrays.readings, arrays.tables
+        outputs, telling = self.pipeline.outputs, self._telling(arrays, start, stop)
         self._counts[:] = 0
         self.pipeline.intake.params["equal_heights"] = self._equal_heights()
-        stop, count = take_in(items, readings, tables, self._intaking(), start, stop, 0)
+        slots = outputs.state, outputs.params, telling.state
+        intaking = intaking_of(self.pipeline)
+        stop, count = take_in(
+            items, readings, tables, intaking, *slots, self._counts, start, stop
+        )  # fmt: skip
         verdicts = np.full(count, Verdict.IGNORED, np.int64)
         health = np.zeros(count, np.int64)
         if not self.pipeline.estimates:
-            return _Piece(stop, count, 0, rows(ESTIMATE, 0), verdicts, health)
+            return _Piece(stop, count, 0, rows(ESTIMATE, 0), verdicts, health, telling.messages, [])
         running = self.pipeline.filter
         estimates = readable(np.empty(count + 1, ESTIMATE))
         estimates[0] = running.estimate[0]
         if count:
             estimates[1] = running.estimate[0]
-            taken = tables._replace(order=tables.order[:count])
-            running.method.run(running.state, running.params, taken, estimates[1:], verdicts)
+        floats: list[list[float]] = []
+        first = 0
+        for last in [*self._debugs(arrays, start, stop, telling), count]:
+            if last > first:
+                if first:
+                    estimates[first + 1] = estimates[first]
+                taken = tables._replace(order=tables.order[first:last])
+                part = estimates[first + 1 : last + 1], verdicts[first:last]
+                running.method.run(running.state, running.params, taken, *part)
+            floats.append(state_floats(running.state) if telling.state["debug"][0] else [])
+            first = last
+        following = following_of(self.pipeline)
         stop, published = follow(
-            items, readings, tables, estimates, verdicts, health, self._following(), start, stop, 0
+            items, readings, tables, estimates, verdicts, health, following, telling, start, stop
         )
-        return _Piece(stop, count, published, estimates, verdicts, health)
+        due = telling.messages[: int(telling.state["count"][0])]
+        return _Piece(stop, count, published, estimates, verdicts, health, due, floats)
+
+    def _debugs(self, arrays: Arrays, start: int, stop: int, telling: Telling) -> list[int]:
+        """How many samples there are up to each of the DEBUG family in ``items[start:stop]``."""
+        if not telling.state["debug"][0] or start == stop:
+            return []
+        found = np.asarray(arrays.readings_of(start, stop)["debug"])
+        return (found[found > 0] - 1).tolist()
 
     def _keep(self, arrays: Arrays, start: int, piece: _Piece, observer: BlockObserver) -> None:
         """Count the samples, and show them to the observer."""
@@ -298,6 +322,12 @@ class BlockRunner:
                 pipeline.intake.counters[cause] += number
         if pipeline.estimates:
             pipeline.filter.estimate[:] = piece.estimates[piece.size :]
+        if self._merged is not None and self._batch is not None:
+            part = self._batch.part(self._at - items.size, self._at)
+            piece.due["of_item"] -= start
+            self._merged.piece(
+                pipeline, part, Outgoing(piece.due, piece.estimates, piece.floats)
+            )  # fmt: skip
         if pipeline.health.is_vehicle_silent:  # who else is heard at the end of the piece
             self.flush()
             pipeline.age(int(items["arrival_us"][-1]))

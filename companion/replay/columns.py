@@ -21,6 +21,7 @@ from companion.mavlink.imu import ImuSelector
 from companion.mavlink.own_heights import own_heights
 from companion.mavlink.reading_columns import LARGEST_STAMP_US, Fields, Readings, readings_of
 from companion.mavlink.requests import REQUESTS
+from companion.reading_steps import READING
 from companion.recorded import Batch
 from companion.replay.block_steps import (
     ALTITUDE_HEARD,
@@ -28,7 +29,6 @@ from companion.replay.block_steps import (
     OWN_HEIGHT,
     PLAIN,
     PYTHON,
-    READING,
     RECORDED_HEIGHT,
     RECORDED_TRUTH,
     SYSTEM_TIME,
@@ -61,6 +61,8 @@ class Speaker:
 
     vehicle: tuple[int, int]
     own: tuple[int, int]
+    version: int
+    """of MAVLink that the vehicle was heard to speak"""
     autopilot: int
     vehicle_type: int
     imu_scale: float | None
@@ -96,6 +98,7 @@ class Arrays:
     def restore(self, start: int, stop: int) -> None:
         """Forget what was filled into the tables by ``items[start:stop]``."""
         readings = self.readings_of(start, stop)
+        readings["debug"] = 0
         kinds, places = np.asarray(readings["kind"]), np.asarray(readings["row"])
         for kind in np.unique(kinds).tolist():
             rows = places[kinds == kind]
@@ -144,6 +147,7 @@ def _of_frames(
     items["is_frame"][places] = 1
     items["is_vehicle"][places] = is_vehicle
     is_odd = sent_by(index, speaker.own) & ~has_ids
+    is_odd |= is_vehicle & (index["version"] > speaker.version)
     present = np.unique(ids)
     for message_id in REQUESTS & set(present.tolist()):
         asked = np.flatnonzero(ids == message_id)

@@ -11,9 +11,10 @@ from companion.logs.tables import TableReader
 from companion.mavlink.codec import FrameReject
 from companion.observer import Observer
 from companion.pipeline import Pipeline
+from companion.replay.merged import Writer
 from companion.replay.record import Recording
 from companion.replay.schema import document
-from companion.replay.sessions import Session, Writer, sessions_of
+from companion.replay.sessions import Session, sessions_of
 from companion.replay.summary import (
     SETTLE_S,
     Reference,

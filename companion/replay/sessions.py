@@ -10,14 +10,13 @@ import itertools
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Generic, Protocol, TypeVar, cast
+from typing import Generic, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from companion.errors import LogFormatError
 from companion.logs import LogReader
-from companion.logs.encoding import frame_of
 from companion.logs.files import opened
 from companion.mavlink.codec import Frame, FrameReject, Message, decode, mavlink
 from companion.mavlink.convert import TimeBase
@@ -27,6 +26,7 @@ from companion.pipeline import Pipeline
 from companion.recorded import Batch, Item, Sensed
 from companion.replay.blocks import BlockRunner
 from companion.replay.events import LinkQuality
+from companion.replay.merged import Merged, Writer
 from companion.samples import Kind, Rows, Verdict
 from companion.settings import CompanionSettings
 
@@ -71,12 +71,6 @@ class Session(Generic[Seen]):
         return any(sum(self.samples[kind].values()) for kind in (Kind.PRESSURE, Kind.GNSS))
 
 
-class Writer(Protocol):
-    """Takes the frames of a log and ours between them."""
-
-    def write(self, time_us: int, frame: bytes) -> None: ...
-
-
 class _Switch:
     """An observer that hands on to that of the present session, and begins one at a reboot."""
 
@@ -110,7 +104,9 @@ class _Splitter(Generic[Seen]):
         settings: CompanionSettings,
         observe: Callable[[Pipeline], Seen],
         make: Callable[[CompanionSettings, Observer], Pipeline],
+        merged: Merged | None,
     ) -> None:
+        self.merged = merged
         self.sessions: list[Session[Seen]] = []
         self.autopilots: dict[int, int] = {}
         """systems with an autopilot's HEARTBEAT, and how many of those"""
@@ -122,6 +118,7 @@ class _Splitter(Generic[Seen]):
     def _renew(self) -> None:
         self._switch = _Switch(self._reboot)
         self.pipeline = self._make(self._settings, self._switch)
+        self.pipeline.sends &= self.merged is not None
         self._base = _counts(self.pipeline)
         self._begin()
 
@@ -150,14 +147,16 @@ class _Splitter(Generic[Seen]):
         if session.has_height:
             self.sessions.append(session)
 
-    def feed(self, time_us: int, item: Item) -> list[bytes]:
-        """Take in an item of the present session."""
+    def feed(self, time_us: int, item: Item) -> None:
+        """Take in an item of the present session, and write it with what is sent because of it."""
         if not self._open.first_us:
             self._open.first_us = time_us
         self._open.last_us = time_us
         if isinstance(item, Frame):
             self._open.link.take(time_us, item)
-        return self.take(time_us, item)
+        sent = self.take(time_us, item)
+        if self.merged is not None:
+            self.merged.item(self.pipeline, time_us, item, sent)
 
     def take(self, time_us: int, item: Item) -> list[bytes]:
         """As `feed`, for an item that `passed` is told of."""
@@ -232,7 +231,8 @@ def sessions_of(
 
     Raises `LogFormatError` when the file is mostly junk, or holds neither barometer nor GNSS.
     """
-    first = _pass(reader, settings, observe, make, writer, on_progress)
+    merged = Merged(writer) if writer is not None else None
+    first = _pass(reader, settings, observe, make, merged, on_progress)
     refuse_junk(reader)
     found = list(first.sessions)
     latched = first.pipeline.identity.vehicle
@@ -258,25 +258,17 @@ def _pass(
     settings: CompanionSettings,
     observe: Callable[[Pipeline], Seen],
     make: Callable[[CompanionSettings, Observer], Pipeline],
-    writer: Writer | None,
+    merged: Merged | None,
     on_progress: Callable[[float], None] | None,
 ) -> _Splitter[Seen]:
-    splitter = _Splitter(settings, observe, make)
-    if writer is None and splitter.takes_blocks:
+    splitter = _Splitter(settings, observe, make, merged)
+    if splitter.takes_blocks and (merged is None or merged.takes_blocks):
         _pass_blocks(reader, splitter, on_progress)
         return splitter
     items = reader.items(splitter.pipeline.wanted)
     days = _Days(splitter)
     for count, (time_us, item) in enumerate(itertools.chain(days.take(items), days.rest())):
-        sent = splitter.feed(time_us, item)
-        if writer is not None:
-            if not splitter.pipeline.heard_ourselves:  # of an earlier run: these are replaced
-                vehicle = splitter.pipeline.identity.vehicle
-                data = frame_of(item, vehicle[0] if vehicle is not None else 1)
-                if data:
-                    writer.write(time_us, data)
-            for frame in sent:
-                writer.write(time_us, frame)
+        splitter.feed(time_us, item)
         if on_progress is not None and count % 2000 == 0:
             on_progress(reader.position_bytes / max(1, reader.size_bytes))
     splitter.close()
@@ -291,7 +283,8 @@ def _pass_blocks(
     for batch in reader.batches():
         pipeline, runner = splitter.pipeline, splitter.runner
         if runner is None or runner.pipeline is not pipeline:
-            runner = splitter.runner = BlockRunner(pipeline, splitter.take, splitter.passed)
+            runner = BlockRunner(pipeline, splitter.take, splitter.passed, splitter.merged)
+            splitter.runner = runner
         if days.steps(batch.times_us):
             for time_us, item in days.take(reader.items_of(batch, pipeline.wanted)):
                 splitter.feed(time_us, item)

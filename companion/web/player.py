@@ -10,12 +10,12 @@ import time
 from collections import Counter, deque
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol
 
 from companion.links.base import LinkState
 from companion.links.traffic import Traffic
 from companion.mavlink.codec import Frame, decode, mavlink, scan
 from companion.pipeline import Pipeline
+from companion.replay.merged import Writer
 from companion.replay.record import Recording
 from companion.settings import CompanionSettings
 from companion.status import KEPT_TEXTS, Text
@@ -27,12 +27,6 @@ LONGEST_WAIT_S = 5.0
 NAP_S = 0.05
 STATUSTEXT: int = mavlink.MAVLINK_MSG_ID_STATUSTEXT
 ALTITUDE: int = mavlink.MAVLINK_MSG_ID_ALTITUDE
-
-
-class Writer(Protocol):
-    """Takes the frames of a log and ours between them."""
-
-    def write(self, time_us: int, frame: bytes) -> None: ...
 
 
 class LogClock:

@@ -159,7 +159,7 @@ def test_a_lost_link_says_so_once() -> None:
 def test_our_ids_on_the_link_are_reported() -> None:
     seen: list[Frame] = []
     pipeline = feed(standing(30, 35)).pipeline
-    pipeline.on_own_ids(seen.append)
+    pipeline.on_own_ids = seen.append
     ours = Vehicle(1, 191).pack(vehicle.heartbeat(type=18, autopilot=8))
     pipeline.feed(Packet(HOST_EPOCH_US, ours))
     pipeline.feed(

@@ -41,6 +41,7 @@ class Kollsman:
             command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
         )
         self.lines: list[str] = []
+        self._interrupted = False
         self._ready = threading.Event()
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
@@ -54,9 +55,14 @@ class Kollsman:
                 self._ready.set()
         self._ready.set()
 
-    def stop(self) -> int:
-        if self.process.poll() is None:
+    def interrupt(self) -> None:
+        """Ctrl-C, once: a second one while it stops would end it at once."""
+        if not self._interrupted and self.process.poll() is None:
             self.process.send_signal(signal.SIGINT)
+        self._interrupted = True
+
+    def stop(self) -> int:
+        self.interrupt()
         code = self.process.wait(15.0)
         self.close()
         return code

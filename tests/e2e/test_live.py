@@ -76,7 +76,7 @@ def test_an_autopilot_that_restarts_is_asked_again_and_streams_are_put_back() ->
         flying.altitudes.clear()
         assert flying.fly(8.0, lambda: len(flying.altitudes) > 5)
         flying.intervals.clear()
-        kollsman.process.send_signal(signal.SIGINT)
+        kollsman.interrupt()
         flying.fly(1.0)
         assert {message_id for message_id, rate_hz in flying.intervals if rate_hz == 0} >= {
             29,
@@ -149,7 +149,7 @@ def test_in_lost_the_vehicles_own_height_is_sent_on() -> None:
         flying.fly(6.0)
         assert flying.altitudes[-1].altitude_amsl == pytest.approx(507.123, abs=5e-4)
         assert "ALTITUDE: the autopilot's own height" in flying.texts
-        kollsman.process.send_signal(signal.SIGINT)
+        kollsman.interrupt()
         flying.fly(1.0)
         assert flying.texts[-1] == "Kollsman stops: the autopilot's own height"
 

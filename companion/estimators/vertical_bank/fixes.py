@@ -5,6 +5,7 @@ import math
 from companion.estimators.judging import GATED, GNSS, IGNORED, USED, judge_gnss, place, tally
 from companion.estimators.vertical_bank.aids import fuse_qnh, fuse_temperature, note_place
 from companion.estimators.vertical_bank.attribution import (
+    EVEN,
     GNSS_HEIGHT,
     fault_probability,
     is_named,
@@ -16,6 +17,7 @@ from companion.estimators.vertical_bank.channel import (
     CLIMB,
     GNSS_BIAS,
     OFFSET,
+    dot,
     sees_climb,
     sees_height,
 )
@@ -44,6 +46,7 @@ from companion.estimators.vertical_bank.mixture import (
     expected_variance,
     fuse,
     heaviest_accuser,
+    heaviest_trusting,
     mean,
     surprises,
 )
@@ -57,6 +60,7 @@ from companion.estimators.vertical_bank.redundancy import (
     offset_m,
 )
 from companion.estimators.vertical_bank.reported_accuracy import (
+    DISCREDIT_LEAST_M,
     DISCREDIT_PROBABILITY,
     PLAIN,
     RTK_FLOAT,
@@ -129,21 +133,39 @@ def hear_fix(state: Rows, params: Rows, sample: Rows, fix_m: float, late_s: floa
         if elapsed_s > OUTAGE_S:
             suppose_after_outage(s.bank, p, p.outage_fault_probabilities[0 if blind else 1])
         if surprises(s.bank, fix_m, R, SURPRISE_SIGMA):
-            if discredit(s.gnss, p, fix_type, s.gnss.innovation_m, s.bank.now_us):
+            error_m = s.gnss.innovation_m
+            if discredit(s.gnss, p, fix_type, error_m, DISCREDIT_LEAST_M, s.bank.now_us):
                 R = expect_fix(state, params, sample, PLAIN, elapsed_s)
             else:
                 on_gnss_surprise(s.bank, p, blind, elapsed_s)
     s.gnss.seen, s.gnss.used_us = 1, s.bank.now_us
+    trusting = heaviest_trusting(s.bank)
+    trusted_m = fix_m - dot(s.bank.H, s.bank.x[trusting])
     fuse(s.bank, fix_m, R, p.tempering_ratio * min(1.0, elapsed_s / FIX_INTERVAL_S), 0)
-    if fix_type > PLAIN and fault_probability(s.bank, GNSS_HEIGHT) > DISCREDIT_PROBABILITY:
-        wrong = heaviest_accuser(s.bank)
-        if discredit(s.gnss, p, fix_type, s.bank.x[wrong, GNSS_BIAS], s.bank.now_us):
-            drop_gnss_faults(s.bank)
+    if fix_type > PLAIN:
+        doubt_type(state, params, fix_type, trusted_m)
     is_undecided = s.gnss.against_m > 0.0 or slides_unseen(s.bank)
     if s.baro.seen == 1 and (elapsed_s > OUTAGE_S or is_undecided):
         s.bank.H[GNSS_BIAS] = 0.0
         s.gnss.against_m = contradiction_m(s.bank, fix_m, R + s.bank.slow_m2)
     fuse_climb(state, params, sample[0].climb_mps, late_s)
+
+
+@step
+def doubt_type(state: Rows, params: Rows, fix_type: int, trusted_m: float) -> None:
+    """Where a fault of a better fix type begins to be probable, but an error that a plain fix may
+    have explains as much, the type is discredited: by the size of the fault, or, before the fault
+    has a size, by the innovation `trusted_m` of the hypothesis that trusts the receiver."""
+    s, p = state[0], params[0]
+    probability = fault_probability(s.bank, GNSS_HEIGHT)
+    if probability <= DISCREDIT_PROBABILITY:
+        return
+    wrong, now_us = heaviest_accuser(s.bank), s.bank.now_us
+    size_m = s.bank.x[wrong, GNSS_BIAS]
+    if discredit(s.gnss, p, fix_type, size_m, DISCREDIT_LEAST_M, now_us) or (
+        probability < EVEN and discredit(s.gnss, p, fix_type, trusted_m, 0.0, now_us)
+    ):
+        drop_gnss_faults(s.bank)
 
 
 @step

@@ -152,8 +152,9 @@ def suppose_motion(bank: Record, p: Record, is_blind: bool, elapsed_s: float) ->
 @step
 def suppose_return(bank: Record, parent: int, prior: float, is_surprise: bool) -> None:
     """Hypothesis `parent`, but its receiver is well again since now; that much less of the parent
-    remains."""
-    slot = suppose(bank, parent, RE, N, prior, is_surprise)
+    remains. Where the barometer was wrong too, it still is."""
+    still = baro_is_wrong(parent)
+    slot = suppose(bank, parent, BA if still else RE, MO if still else N, prior, is_surprise)
     bank.weight[parent] *= 1.0 - min(1.0, prior)
     if slot >= 0:
         replace(bank.x[slot], bank.P[slot], GNSS_BIAS, 0.0, bank.slow_m2)

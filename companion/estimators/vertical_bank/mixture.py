@@ -44,9 +44,9 @@ W, GN, BA, MO, BO, RE, N = 0, 3, 7, 10, 11, 13, 15
 LEAST = 1e-8
 """probability below which a hypothesis is dropped"""
 LONGEST_STEP_S, MOST_STEPS = 10.0, 100
-PLAY_M, LAYER_M = 12.0, 5.0
-"""The offset follows the scale in steps of 5 m, and 12 m behind a height that turns: what goes with
-small ups and downs, such as airspeed in a phugoid of 10 m, must not be learned as scale."""
+PLAY_M = 12.0
+"""The offset follows the scale this far behind a height that turns: what goes with small ups and
+downs, such as airspeed in a phugoid of 10 m, must not be learned as scale."""
 SOFT_SIGMA = 3.0
 """no single barometer height moves a channel by more than this many sigma"""
 HARD, SOFT, EXPLAINED = 0, 1, 2
@@ -178,6 +178,16 @@ def heaviest_accuser(bank: Record) -> int:
 
 
 @step
+def heaviest_trusting(bank: Record) -> int:
+    """The most probable hypothesis that does not say that the receiver is wrong."""
+    found = 0
+    for i in range(N):
+        if not gnss_is_wrong(i) and bank.weight[i] > bank.weight[found]:
+            found = i
+    return found
+
+
+@step
 def normalise(bank: Record) -> None:
     """Probabilities sum to 1; what is negligible is dropped."""
     total = 0.0
@@ -302,14 +312,15 @@ def fuse_doubtful(
 
 @step
 def climb_the_column(bank: Record) -> None:
-    """o += s dh, when the mean height has moved by a layer beyond the play."""
+    """o += s dh, when the mean height has moved beyond the play. At once: an offset that follows in
+    steps of metres is a sawtooth that no noise of the model explains."""
     height_m = mean(bank, HEIGHT)
     if math.isnan(bank.level_m):
         bank.level_m = height_m
     apart_m = height_m - bank.level_m
-    moved_m = apart_m - math.copysign(PLAY_M, apart_m)
-    if abs(apart_m) < PLAY_M + LAYER_M:
+    if abs(apart_m) <= PLAY_M:
         return
+    moved_m = apart_m - math.copysign(PLAY_M, apart_m)
     bank.level_m += moved_m
     for i in range(N):
         if bank.weight[i] > 0.0:

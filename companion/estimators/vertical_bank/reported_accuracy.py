@@ -11,7 +11,8 @@ DGPS (4)                     1.5 m       .4 m         SBAS without its slow iono
 ===========================  ==========  ===========  ==============================================
 
 A better fix type is believed until a fix is off by more than it allows, and by no more than a plain
-fix may be wrong: then it counts as a plain fix for `DISCREDIT_US`. More than that is a fault.
+fix may be wrong: then it counts as a plain fix, until it has not been claimed for `DISCREDIT_US`.
+More than that is a fault.
 
 The white part is what the stream shows: the median of what consecutive heights differ by beyond the
 motion. The slow part is the rest of the reported spread, or what the heights of a vehicle that
@@ -90,16 +91,23 @@ def receiver_start(gnss: Record) -> None:
 
 @step
 def credited_type(gnss: Record, sample: Rows, now_us: int) -> int:
-    """Fix type that is believed."""
-    return min(PLAIN, sample[0].fix_type) if now_us < gnss.plain_until_us else sample[0].fix_type
+    """Fix type that is believed. One that was discredited must not be claimed for `DISCREDIT_US`
+    before it is believed again."""
+    fix_type = sample[0].fix_type
+    if now_us >= gnss.plain_until_us or fix_type <= PLAIN:
+        return int(fix_type)
+    gnss.plain_until_us = now_us + DISCREDIT_US
+    return PLAIN
 
 
 @step
-def discredit(gnss: Record, p: Record, fix_type: int, error_m: float, now_us: int) -> bool:
-    """Whether an error says that a fix is a plain one: its type is better, and a plain fix may be
-    wrong by so much."""
+def discredit(
+    gnss: Record, p: Record, fix_type: int, error_m: float, least_m: float, now_us: int
+) -> bool:
+    """Whether an error of `least_m` or more says that a fix is a plain one: its type is better, and
+    a plain fix may be wrong by so much."""
     most_m = DISCREDIT_SIGMA * p.gnss_slow_floor_m
-    if fix_type <= PLAIN or not DISCREDIT_LEAST_M < abs(error_m) < most_m:
+    if fix_type <= PLAIN or not least_m <= abs(error_m) < most_m:
         return False
     gnss.plain_until_us = now_us + DISCREDIT_US
     return True

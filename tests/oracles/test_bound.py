@@ -89,10 +89,11 @@ def test_the_ratio_of_equal_errors_is_one() -> None:
 
 
 @pytest.mark.slow
-def test_the_bank_with_the_priors_of_the_model_is_at_its_bound() -> None:
-    """Sixteen seeds of S2: mean square error over the bound is 1 within three of its standard
-    errors."""
-    squared = squares("S2", range(101, 117))[BANK]
-    lowest_m, _, _, _ = bound_m(SCENARIOS["S2"], MODEL, 2)
+@pytest.mark.parametrize("key", ["S2", "S3"])
+def test_the_bank_with_the_priors_of_the_model_is_at_its_bound(key: str) -> None:
+    """Sixteen seeds: mean square error over the bound is 1 within three of its standard errors. An
+    offset that followed the column in steps of 5 m made S3, a climb of 2.8 km, 13 times worse."""
+    squared = squares(key, range(101, 117))[BANK]
+    lowest_m, _, _, _ = bound_m(SCENARIOS[key], MODEL, 2)
     ratio = squared / lowest_m**2
     assert abs(ratio.mean() - 1.0) < 3.0 * ratio.std(ddof=1) / 4.0 + 0.21  # 1.10 squared is 1.21

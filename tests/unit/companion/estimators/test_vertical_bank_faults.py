@@ -170,3 +170,21 @@ def test_without_an_imu_a_blocked_port_is_not_published_as_a_receiver_that_slide
     level_m = estimates["protection_level_m"]
     is_published = (level_m <= 50.0) & (made.elapsed_s(estimates["time_us"]) > 60.0)
     assert not (off_m > 50.0)[is_published].any()
+
+
+def test_a_dead_barometer_leaves_a_receiver_that_reports_too_much_in_use() -> None:
+    """A simulator's receiver swings by metres and says RTK fixed. Its type was believed again after
+    ten minutes; beside a barometer that was dead by then it was excluded, and the height ran off
+    by kilometres."""
+    made = frozen(flight(duration_s=1300.0), 120.0, 1300.0)
+    gnss = made.tables[Kind.GNSS]
+    gnss["fix_type"], gnss["vertical_sd_m"] = 6, 0.3
+    elapsed_s = made.elapsed_s(gnss["time_us"])
+    swings_m = np.sin(elapsed_s * 0.5) + 3.0 * np.sin(elapsed_s * 0.02)
+    gnss["altitude_amsl_m"] = made.truth_m(gnss["time_us"]) + swings_m
+    estimates, _, _ = run_log(vb.METHOD, made.log())
+    late = made.elapsed_s(estimates["time_us"]) > 130.0
+    error_m = estimates["altitude_amsl_m"] - made.truth_m(estimates["time_us"])
+    assert np.abs(error_m[late]).max() < 6.0
+    assert (np.abs(error_m) < estimates["protection_level_m"])[late].all()
+    assert (estimates["fault_probabilities"][late, 1] < 0.5).all()

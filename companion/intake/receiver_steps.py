@@ -63,6 +63,12 @@ def is_height(row: Rows) -> bool:
 
 
 @step
+def is_near(height_m: float, baro_m: float) -> bool:
+    """Whether a height may be that of a barometer in some weather."""
+    return abs(height_m - baro_m) <= WEATHER_M + TEMPERATURE_RATIO * abs(height_m)
+
+
+@step
 def check_height(r: Rows, row: Rows, baro_m: float) -> int:
     """Void heights of exactly 0 and those in a wrong unit; what there is to tell, once each."""
     told = NOTHING
@@ -83,7 +89,8 @@ def check_height(r: Rows, row: Rows, baro_m: float) -> int:
         r[0].start_baro_m, r[0].start_gnss_m = baro_m, height_m
         factor = 1.0
         for i in range(len(FACTORS)):
-            if factor == 1.0 and abs(moved_m / climb_m / FACTORS[i] - 1.0) <= TOLERANCE:
+            moves = abs(moved_m / climb_m / FACTORS[i] - 1.0) <= TOLERANCE
+            if factor == 1.0 and moves and is_near(height_m / FACTORS[i], baro_m):
                 factor = FACTORS[i]
         r[0].scaled = r[0].scaled + 1 if factor != 1.0 else 0
         if r[0].scaled >= MEETS_MIN:
@@ -115,8 +122,7 @@ def check_unreported(r: Rows, row: Rows, baro_m: float) -> None:
     if r[0].apart_us == NONE_US:
         r[0].apart_us, r[0].low_m, r[0].high_m = time_us, difference_m, difference_m
     low_m, high_m = min(r[0].low_m, difference_m), max(r[0].high_m, difference_m)
-    near = abs(difference_m) <= WEATHER_M + TEMPERATURE_RATIO * abs(height_m)
-    if not near or high_m - low_m > SETTLED_SPREAD_M or time_us < r[0].apart_us:
+    if not is_near(height_m, baro_m) or high_m - low_m > SETTLED_SPREAD_M or time_us < r[0].apart_us:
         r[0].apart_us, r[0].low_m, r[0].high_m = time_us, difference_m, difference_m
     else:
         r[0].low_m, r[0].high_m = low_m, high_m

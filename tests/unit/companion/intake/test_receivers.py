@@ -206,6 +206,21 @@ def test_a_height_in_another_unit_is_not_used(factor: float) -> None:
     assert math.isnan(fixes[-1]["altitude_amsl_m"])
 
 
+def test_a_receiver_that_slides_is_in_no_other_unit() -> None:
+    """It moved by ten times what the barometer did, twice; its heights were withheld, and the
+    estimator forgot its doubt. In another unit it reads ten times the height, too."""
+    outcome = feed(
+        standing(
+            30.0,
+            80.0,
+            gps=lambda s: gps(s, 1200.0 + 30.0 * max(0.0, s - 40.0)),
+            pressure=lambda s: pressure(s, 1200.0 + 3.0 * max(0.0, s - 40.0)),
+        )
+    )
+    fixes = [row for kind, row in outcome.rows if kind is Kind.GNSS]
+    assert all(math.isfinite(row["altitude_amsl_m"]) for row in fixes)
+
+
 def test_a_receiver_that_claims_99_99_beside_a_fix_claims_nothing() -> None:
     outcome = feed(standing(30.0, 60.0, gps=lambda s: gps(s, eph=9999, epv=9999, v_acc=0)))
     fixes = [row for kind, row in outcome.rows if kind is Kind.GNSS]

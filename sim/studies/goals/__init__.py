@@ -12,7 +12,7 @@ from whatever sections have run. Adding a section is that module, a line in the 
 in `goals.py`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -41,6 +41,13 @@ class Context:
     out: Path
     """folder of the pages"""
     progress: Progress
+
+    def recorded(self, names: Iterable[str]) -> dict[str, Path]:
+        """Name -> log of those recorded flights that are anywhere below `data`."""
+        if self.data is None:
+            return {}
+        found = {name: sorted(self.data.rglob(f"{name}.tlog")) for name in names}
+        return {name: paths[0] for name, paths in found.items() if paths}
 
     def run(
         self,

@@ -36,7 +36,7 @@ def evaluate(
     data: Annotated[
         Path | None,
         typer.Option(
-            help="Folder of recorded flights (jsbsim_A.tlog, ...).",
+            help="Folder with recorded flights (jsbsim_A.tlog, ...) anywhere below it.",
             metavar="DIR",
             exists=True,
             file_okay=False,

@@ -78,9 +78,9 @@ def _named(flight: str, origin: str, rows: list[Row], healthy: Row) -> Found:
 
 def evaluate(context: Context) -> SectionPage:
     """Try every fault on recorded and simulated flights, and fly whole flights with faults."""
-    logs = [context.data / f"{name}.tlog" for name in RECORDED] if context.data is not None else []
     seeds = range(1, context.seeds + 1)
-    jobs = [Job(log=log) for log in logs if log.exists()] + [Job(seed=seed) for seed in seeds]
+    jobs = [Job(log=log) for log in context.recorded(RECORDED).values()]
+    jobs += [Job(seed=seed) for seed in seeds]
     jobs += [Job(scenario=name, seed=seed) for name in SCENARIOS for seed in seeds]
     done = context.run(work, jobs)
     page = SectionPage("faults", context)

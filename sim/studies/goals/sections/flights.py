@@ -50,12 +50,7 @@ Flights = dict[str, list[Flight]]
 def evaluate(context: Context) -> SectionPage:
     """Fly and read on a process pool, then fill the page."""
     known = [name for name in SCENARIOS if name in scenario_paths()]
-    paths = (
-        {name: context.data / f"{name}.tlog" for name in RECORDED}
-        if context.data is not None
-        else {}
-    )
-    paths = {name: path for name, path in paths.items() if path.exists()}
+    paths = context.recorded(RECORDED)
     jobs: list[Recorded | Simulated] = [Recorded(path) for path in paths.values()]
     jobs += [Simulated(name, seed) for name in known for seed in range(1, context.seeds + 1)]
     done = context.run(work, jobs)

@@ -114,8 +114,7 @@ def _jobs(context: Context) -> list[Job]:
     seeds = range(1, max(1, math.ceil(FLIGHTS_PER_1000 * hours / 1000)) + 1)
     jobs = [Job("flights", seed, scenario=name) for name in HEALTHY for seed in seeds]
     jobs += [Job("wrong", seed, scenario=name) for name in WRONG for seed in seeds]
-    logs = [context.data / f"{name}.tlog" for name in RECORDED] if context.data is not None else []
-    jobs += [Job("recorded", log=log) for log in logs if log.exists()]
+    jobs += [Job("recorded", log=log) for log in context.recorded(RECORDED).values()]
     starts = range(0, hours, HOURS_A_JOB)
     return jobs + [
         Job("sensors", FIRST_SEED + first, min(HOURS_A_JOB, hours - first)) for first in starts

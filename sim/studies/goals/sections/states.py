@@ -27,16 +27,12 @@ WEATHER = (("calm", FUSED), ("fair", GNSS), ("stormy", OTHER))
 def evaluate(context: Context) -> SectionPage:
     """Run the bank over the recorded flight, or a simulated one without ``--data``, and draw it."""
     context.progress(0.0, "the flight")
-    path = context.data / f"{RECORDED}.tlog" if context.data is not None else None
-    recorded = path is not None and path.exists()
-    log = (
-        samples_of(path, CompanionSettings())
-        if recorded and path is not None
-        else flown(SIMULATED, 1)[0]
-    )
+    path = context.recorded([RECORDED]).get(RECORDED)
+    log = flown(SIMULATED, 1)[0] if path is None else samples_of(path, CompanionSettings())
     page = SectionPage("states", context)
+    name = f"`{SIMULATED}`, seed 1" if path is None else f"`{RECORDED}`"
     page.text(
-        f"The flight is {f'`{RECORDED}`' if recorded else f'`{SIMULATED}`, seed 1'}; the states "
+        f"The flight is {name}; the states "
         "are those of [the derivation](../vertical-bank.md). Black is the truth, as far as the "
         "simulator knows it: the barometer's error is its reading less the truth (means of "
         f"{SMOOTHED_S:g} s, since its fast part is another state), its drift rate the slope of "

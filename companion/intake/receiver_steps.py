@@ -122,7 +122,8 @@ def check_unreported(r: Rows, row: Rows, baro_m: float) -> None:
     if r[0].apart_us == NONE_US:
         r[0].apart_us, r[0].low_m, r[0].high_m = time_us, difference_m, difference_m
     low_m, high_m = min(r[0].low_m, difference_m), max(r[0].high_m, difference_m)
-    if not is_near(height_m, baro_m) or high_m - low_m > SETTLED_SPREAD_M or time_us < r[0].apart_us:
+    spreads = high_m - low_m > SETTLED_SPREAD_M
+    if not is_near(height_m, baro_m) or spreads or time_us < r[0].apart_us:
         r[0].apart_us, r[0].low_m, r[0].high_m = time_us, difference_m, difference_m
     else:
         r[0].low_m, r[0].high_m = low_m, high_m

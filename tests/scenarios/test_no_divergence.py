@@ -69,16 +69,8 @@ def assert_no_divergence(path: Path) -> None:
         )
 
 
-WEATHER = pytest.param(
-    "ardupilot_weather",
-    marks=pytest.mark.xfail(
-        reason="failed with the mixture of vertical-bank; cause not found", strict=False
-    ),
-)
-
-
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["jsbsim_A", "jsbsim_B", "ardupilot_nominal", WEATHER])
+@pytest.mark.parametrize("name", ["jsbsim_A", "jsbsim_B", "ardupilot_nominal", "ardupilot_weather"])
 def test_on_flights_with_truth(name: str) -> None:
     if not FLIGHTS.exists():
         pytest.skip("the flights are not here")

@@ -59,22 +59,26 @@ def batch(
     settings = resolve_settings(config, estimator, changes)
     compile_first(settings, settings.estimator)
 
-    from companion.replay.batch import find_logs, other_files, run_batch
+    from companion.replay.batch import BatchFailedError, find_logs, other_files, run_batch
     from companion.warmup import warm_up
 
     logs, others = find_logs(places), other_files(places)
     if scheduler is None:
         warm_up(settings)  # once, instead of in every worker
+    failure: BatchFailedError | None = None
     with _counting(len(logs)) as on_done:
-        table = run_batch(
-            logs,
-            out,
-            settings,
-            settle_s=settle,
-            workers=min(workers or os.cpu_count() or 1, len(logs)),
-            scheduler=scheduler,
-            on_done=on_done,
-        )
+        try:
+            table = run_batch(
+                logs,
+                out,
+                settings,
+                settle_s=settle,
+                workers=min(workers or os.cpu_count() or 1, len(logs)),
+                scheduler=scheduler,
+                on_done=on_done,
+            )
+        except BatchFailedError as error:
+            table, failure = error.table, error
     _show_fleet(table, top)
     if others:
         named = ", ".join(f"{suffix} {count}" for suffix, count in sorted(others.items()))
@@ -82,6 +86,8 @@ def batch(
     print(f"wrote {out}/fleet.csv, fleet.parquet, fleet.json and rows/")
     if (out / "index.html").exists():
         print(f"wrote {out}/index.html: a report of each flight")
+    if failure is not None:
+        raise failure
     if all(row["error"] is not None for row in table):
         raise LogFormatError("no log could be read; the reasons are in fleet.csv")
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from companion.replay.run import Replayed
     from companion.settings import CompanionSettings
 
+TABLE_SUFFIXES = ("", ".csv", ".txt", ".parquet")
 REPLAY_EXAMPLES = """\b
 Examples:
   kollsman replay flight.tlog
@@ -198,6 +199,8 @@ def _refuse_outputs(
 ) -> None:
     """Refuse what cannot be written, before a log is read."""
     refuse_outputs(logs, out, csv, report, junit)
+    if csv and csv.suffix.lower() not in TABLE_SUFFIXES:
+        raise ConfigError(f"{csv}: --csv writes .csv or .parquet; end the name so")
     if len(logs) > 1 and (out or csv or report or http):
         raise ConfigError(
             "--csv, --out, --report and --http take one log; name one, or use `kollsman batch`"

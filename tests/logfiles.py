@@ -135,7 +135,7 @@ ULG_FORMATS = {
 }
 
 
-def write_ulg(path: Path, made: Flight) -> None:
+def write_ulg(path: Path, made: Flight, hardware: str = "") -> None:
     """A PX4 log, written from the description of the format in PX4's documentation."""
 
     def message(kind: bytes, body: bytes) -> bytes:
@@ -145,6 +145,9 @@ def write_ulg(path: Path, made: Flight) -> None:
     parts.append(message(b"B", bytes(40)))
     for name, (fields, _) in ULG_FORMATS.items():
         parts.append(message(b"F", f"{name}:uint64_t timestamp;{fields}".encode()))
+    if hardware:
+        key = f"char[{len(hardware)}] ver_hw".encode()
+        parts.append(message(b"I", bytes([len(key)]) + key + hardware.encode()))
     key = b"int32_t MAV_SYS_ID"
     parts.append(message(b"P", bytes([len(key)]) + key + struct.pack("<i", 7)))
     for number, name in enumerate(ULG_FORMATS):

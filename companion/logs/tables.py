@@ -80,6 +80,8 @@ class Tables:
     parameters: dict[str, float] = field(default_factory=dict)
     modes: list[tuple[int, str]] = field(default_factory=list)
     """(time_us since boot, flight mode)"""
+    is_simulated: bool = False
+    """whether the log says so"""
     texts: list[tuple[int, str]] = field(default_factory=list)
     """(time_us since boot, what the autopilot said)"""
 
@@ -87,13 +89,17 @@ class Tables:
         """All that has a place in the file."""
         return [*self.sensors, *self.heights, *self.throttles]
 
-    def heartbeats(self, times_us: Places) -> bytes:
-        """The frames of the vehicle's HEARTBEAT at these times."""
+    def spoken(self, times_us: Places) -> list[bytes]:
+        """The frames of the vehicle's HEARTBEAT at these times; with the first goes what only a
+        simulated vehicle sends."""
         changes_us = np.array([time_us for time_us, _ in self.armed], np.int64)
         states = np.array([False, *(armed for _, armed in self.armed)])
         encoder = Encoder(self.system_id, mavlink.MAV_COMP_ID_AUTOPILOT1)
         armed = states[np.searchsorted(changes_us, times_us, side="right")]
-        return b"".join(encoder.encode(self._heartbeat(state)) for state in armed.tolist())
+        frames = [encoder.encode(self._heartbeat(state)) for state in armed.tolist()]
+        if self.is_simulated:
+            frames.insert(1, encoder.encode(mavlink.MAVLink_simstate_message(*[0] * 11)))
+        return frames
 
     def _heartbeat(self, armed: bool) -> Message:
         mode = mavlink.MAV_MODE_FLAG_SAFETY_ARMED if armed else 0
@@ -158,7 +164,9 @@ class TableReader(LogReader):
         time_us = np.concatenate([none, *map(time_of, columns)])
         order = np.lexsort((numbers, at))
         beats = _beats(time_us[order])
-        own, frames = indexed(tables.heartbeats(time_us[order][beats]))
+        spoken = tables.spoken(time_us[order][beats])
+        beats = np.sort(np.append(beats, beats[: len(spoken) - beats.size]))
+        own, frames = indexed(b"".join(spoken))
         places = np.empty(order.size, np.int64)
         places[order] = np.arange(order.size) + np.searchsorted(
             beats, np.arange(order.size), side="right"

@@ -31,6 +31,8 @@ ARMED = 2
 DOWNWARD = int(mavlink.MAV_SENSOR_ROTATION_PITCH_270)
 LOWEST_PA = 2000.0
 """old logs have hectopascal in the same field"""
+SIMULATED = "PX4_SITL"
+"""hardware of PX4's simulated vehicles"""
 TOPICS = (
     "sensor_baro", "vehicle_air_data", "sensor_gps", "vehicle_gps_position", "sensor_combined",
     "vehicle_attitude", "vehicle_global_position", "vehicle_global_position_groundtruth",
@@ -135,6 +137,7 @@ def _vehicle(tables: Tables, log: Any, topics: dict[str, list[_Topic]]) -> None:
     tables.parameters = {name: float(value) for name, value in log.initial_parameters.items()}
     system_id = int(tables.parameters.get("MAV_SYS_ID", 1))
     tables.system_id = system_id if 1 <= system_id <= 255 else 1
+    tables.is_simulated = log.msg_info_dict.get("ver_hw") == SIMULATED
     tables.texts = [(int(m.timestamp), str(m.message)) for m in log.logged_messages]
     for status in topics.get("vehicle_status", [])[:1]:
         times = status.time_us.tolist()

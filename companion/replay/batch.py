@@ -102,6 +102,17 @@ def other_files(places: Sequence[str]) -> Counter[str]:
     return Counter(suffix for suffix in suffixes if suffix not in logs)
 
 
+class BatchFailedError(ConfigError):
+    """Logs that could not be replayed for a reason outside of them; the others are done."""
+
+    def __init__(self, table: list[Row], failed: Sequence[Done[BatchJob, list[Row]]]) -> None:
+        super().__init__(
+            f"{len(failed)} logs failed, the first with: {failed[0].error}; the same command tries "
+            "them again"
+        )
+        self.table = table
+
+
 def replay_job(job: BatchJob) -> list[Row]:
     """Replay one log; its sessions, or one row that says why there are none."""
     try:
@@ -142,7 +153,7 @@ def run_batch(
     `reports` tells whether flight reports are written; None: if jinja2 is installed.
 
     A log that is done, with these settings and this code, is not replayed again. Raises
-    `ConfigError`, also when the folder cannot be written.
+    `ConfigError`, also when the folder cannot be written; `BatchFailedError` at the end.
     """
     settings, out = settings or CompanionSettings(), out.resolve()
     try:
@@ -167,6 +178,8 @@ def run_batch(
     _write_fleet(out, sessions, table)
     if reports:
         write_index(out / "index.html", f"Flights in {out.name}", list(map(_index_row, sessions)))
+    if failed := [each for each in done if each.error is not None]:
+        raise BatchFailedError(table, failed)
     return table
 
 

@@ -84,14 +84,23 @@ def _held(times_us: Array, source_us: Array, values: Array) -> Array:
 
 
 def write(path: Path, tables: Iterable[Columns]) -> None:
-    """Write sessions to a .csv or .parquet. Raises `ConfigError` when the file cannot be written,
-    or Parquet needs a package that is not there."""
+    """Write sessions to a .csv or .parquet, whole or not at all. Raises `ConfigError` when the file
+    cannot be written, or Parquet needs a package that is not there."""
+    is_parquet = path.suffix.lower() == ".parquet"
+    if path.exists() and not path.is_file():  # a pipe or a device
+        partial = path
+    else:
+        partial = path.with_name(path.name + ".partial")
     try:
-        if path.suffix.lower() == ".parquet":
-            _write_parquet(path, list(tables))
+        if is_parquet:
+            _write_parquet(partial, list(tables))
         else:
-            _write_csv(path, tables)
+            _write_csv(partial, tables)
+        if partial != path:
+            partial.replace(path)
     except OSError as error:
+        if partial != path:
+            partial.unlink(missing_ok=True)
         raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
@@ -120,9 +129,7 @@ def _write_parquet(path: Path, tables: list[Columns]) -> None:
     except ImportError:
         raise ConfigError(f"{path}: Parquet needs pyarrow: pip install 'kollsman[fleet]'") from None
     parts = [pa.table({name: _arrow(values) for name, values in each.items()}) for each in tables]
-    partial = path.with_name(path.name + ".partial")
-    parquet.write_table(pa.concat_tables(parts, promote_options="permissive"), partial)
-    partial.replace(path)
+    parquet.write_table(pa.concat_tables(parts, promote_options="permissive"), path)
 
 
 def _arrow(values: Any) -> Any:

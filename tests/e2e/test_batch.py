@@ -14,7 +14,7 @@ import pytest
 
 from companion import jobs
 from companion.errors import ConfigError
-from companion.replay.batch import BatchJob, find_logs, run_batch
+from companion.replay.batch import BatchFailedError, BatchJob, find_logs, run_batch
 from tests import logfiles
 
 SMALL = {"duration_s": 40.0, "imu_hz": 4.0, "pressure_hz": 5.0, "gnss_hz": 2.0, "attitude_hz": 4.0}
@@ -53,6 +53,17 @@ def check(table: list[jobs.Row], out: Path) -> None:
     links = re.findall(r'<a href="([^"]+)"', (out / "index.html").read_text(encoding="utf-8"))
     assert len(set(links)) == GOOD
     assert all((out / link).is_file() for link in links)
+
+
+def test_what_cannot_be_written_fails_and_is_done_the_next_time(
+    folder: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "rows").write_text("in the way")
+    with pytest.raises(BatchFailedError, match=f"^{GOOD} logs failed, the first with: ") as failure:
+        batch(folder, tmp_path)
+    assert len(failure.value.table) == GOOD + 2
+    (tmp_path / "rows").unlink()
+    check(batch(folder, tmp_path), tmp_path)
 
 
 def test_a_batch_goes_on_where_it_was_stopped(folder: Path, tmp_path: Path) -> None:

@@ -1,0 +1,25 @@
+"""Tables of estimates on the disk."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from companion.errors import ConfigError
+from companion.replay.table import write
+
+
+def tables() -> Iterator[dict[str, Any]]:
+    yield {"time_s": [1.0, 2.0], "health": ["OK", "LOST"]}
+    raise OSError("No space left on device")
+
+
+@pytest.mark.parametrize("name", ["flight.csv", "flight.parquet"])
+def test_a_table_that_cannot_be_written_whole_is_not_written(name: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_text("of yesterday\n")
+    with pytest.raises(ConfigError, match="cannot be written: No space left"):
+        write(path, tables())
+    assert [each.name for each in tmp_path.iterdir()] == [name]
+    assert path.read_text() == "of yesterday\n"

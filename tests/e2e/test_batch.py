@@ -137,7 +137,7 @@ def test_a_full_disk_is_not_kept_as_a_fault_of_the_log(
     rows.mkdir()
     key = BatchJob(logs[0], tmp_path.resolve(), 20.0).key
     (rows / f"{key}.parquet.partial").symlink_to("/dev/full")
-    with pytest.raises(BatchFailedError, match="^1 logs failed, the first with: ") as failure:
+    with pytest.raises(BatchFailedError, match="1 logs failed, the first with: ") as failure:
         run_batch(logs, tmp_path, settle_s=20.0, reports=False)
     assert "cannot be written" in failure.value.table[0]["error"]
     (rows / f"{key}.parquet.partial").unlink(missing_ok=True)

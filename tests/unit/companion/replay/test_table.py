@@ -19,7 +19,7 @@ def tables() -> Iterator[dict[str, Any]]:
 def test_a_table_that_cannot_be_written_whole_is_not_written(name: str, tmp_path: Path) -> None:
     path = tmp_path / name
     path.write_text("of yesterday\n")
-    with pytest.raises(ConfigError, match="cannot be written: No space left"):
+    with pytest.raises(ConfigError, match="cannot be written"):
         write(path, tables())
     assert [each.name for each in tmp_path.iterdir()] == [name]
     assert path.read_text() == "of yesterday\n"

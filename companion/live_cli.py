@@ -88,10 +88,11 @@ HttpOption = Annotated[
     ),
 ]
 SystemIdOption = Annotated[
-    int | None, typer.Option(min=1, max=255, help="Our system id; default: the vehicle's.")
+    int | None,
+    typer.Option(min=1, max=255, help="Our system id; default: the vehicle's.", metavar="N"),
 ]
 ComponentIdOption = Annotated[
-    int | None, typer.Option(min=1, max=255, help="Our component id (default 191).")
+    int | None, typer.Option(min=1, max=255, help="Our component id (default 191).", metavar="N")
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Status and log lines as JSON objects.")]
 

@@ -39,9 +39,12 @@ def tune(
     estimator: EstimatorOption = None,
     config: ConfigOption = None,
     changes: SetOption = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the genetic search of damping-loop.")] = 0,
+    seed: Annotated[
+        int, typer.Option(min=0, help="Of the genetic search of damping-loop.", metavar="N")
+    ] = 0,
     generations: Annotated[
-        int, typer.Option(min=1, max=10_000, help="Of the genetic search of damping-loop.")
+        int,
+        typer.Option(min=1, max=10_000, help="Of the genetic search of damping-loop.", metavar="N"),
     ] = 60,
     out: Annotated[
         Path | None, typer.Option(help="Write the configuration there.", metavar="TUNED.yaml")

@@ -104,7 +104,9 @@ _SpeedOption = Annotated[
 _SeedOption = Annotated[
     int | None,
     typer.Option(
-        min=0, help="Seed in place of the scenario's; the same seed gives the same bytes."
+        min=0,
+        help="Seed in place of the scenario's; the same seed gives the same bytes.",
+        metavar="N",
     ),
 ]
 _AllStreamsOption = Annotated[
@@ -295,7 +297,10 @@ def corrupt(
         ),
     ] = None,
     seed: Annotated[
-        int, typer.Option(min=0, help="Seed of all faults; the same seed gives the same bytes.")
+        int,
+        typer.Option(
+            min=0, help="Seed of all faults; the same seed gives the same bytes.", metavar="N"
+        ),
     ] = 1,
     show: Annotated[
         bool, typer.Option("--list", help="List the faults and their parameters.")

@@ -55,7 +55,7 @@ def campaign(
     ],
     *,
     seeds: Annotated[
-        int, typer.Option(min=1, help="Flights of each scenario, with seeds 1 to N.")
+        int, typer.Option(min=1, help="Flights of each scenario, with seeds 1 to N.", metavar="N")
     ] = 10,
     estimator: EstimatorsOption = None,
     workers: WorkersOption = None,

@@ -27,7 +27,9 @@ def evaluate(
     *,
     seeds: Annotated[
         int | None,
-        typer.Option(min=2, help="Number of Monte-Carlo runs. Default: each section's own."),
+        typer.Option(
+            min=2, help="Number of Monte-Carlo runs. Default: each section's own.", metavar="N"
+        ),
     ] = None,
     workers: Annotated[
         int | None,

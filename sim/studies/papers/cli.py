@@ -30,7 +30,9 @@ def reproduce(
     seeds: Annotated[
         int | None,
         typer.Option(
-            min=2, help="Number of Monte-Carlo runs of each paper. Default: each paper's own."
+            min=2,
+            help="Number of Monte-Carlo runs of each paper. Default: each paper's own.",
+            metavar="N",
         ),
     ] = None,
     seed_root: Annotated[

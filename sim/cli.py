@@ -297,10 +297,7 @@ def corrupt(
         ),
     ] = None,
     seed: Annotated[
-        int,
-        typer.Option(
-            min=0, help="Seed of all faults; the same seed gives the same bytes.", metavar="N"
-        ),
+        int, typer.Option(min=0, help="Seed of all faults; same seed, same bytes.", metavar="N")
     ] = 1,
     show: Annotated[
         bool, typer.Option("--list", help="List the faults and their parameters.")

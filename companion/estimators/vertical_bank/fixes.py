@@ -16,6 +16,7 @@ from companion.estimators.vertical_bank.beginning import expect_atmosphere, forg
 from companion.estimators.vertical_bank.channel import (
     CLIMB,
     GNSS_BIAS,
+    GNSS_RATE,
     OFFSET,
     dot,
     sees_climb,
@@ -137,7 +138,7 @@ def hear_fix(state: Rows, params: Rows, sample: Rows, fix_m: float, late_s: floa
             if discredit(s.gnss, p, fix_type, error_m, DISCREDIT_LEAST_M, s.bank.now_us):
                 R = expect_fix(state, params, sample, PLAIN, elapsed_s)
             else:
-                on_gnss_surprise(s.bank, p, blind, elapsed_s)
+                on_gnss_surprise(s.bank, p, blind, elapsed_s, fix_type >= RTK_FLOAT)
     s.gnss.seen, s.gnss.used_us = 1, s.bank.now_us
     trusting = heaviest_trusting(s.bank)
     trusted_m = fix_m - dot(s.bank.H, s.bank.x[trusting])
@@ -155,13 +156,14 @@ def hear_fix(state: Rows, params: Rows, sample: Rows, fix_m: float, late_s: floa
 def doubt_type(state: Rows, params: Rows, fix_type: int, trusted_m: float) -> None:
     """Where a fault of a better fix type begins to be probable, but an error that a plain fix may
     have explains as much, the type is discredited: by the size of the fault, or, before the fault
-    has a size, by the innovation `trusted_m` of the hypothesis that trusts the receiver."""
+    has a size, by the innovation `trusted_m` of the hypothesis that trusts the receiver. One that
+    slides as faults do is no plain fix."""
     s, p = state[0], params[0]
     probability = fault_probability(s.bank, GNSS_HEIGHT)
-    if probability <= DISCREDIT_PROBABILITY:
-        return
     wrong, now_us = heaviest_accuser(s.bank), s.bank.now_us
-    size_m = s.bank.x[wrong, GNSS_BIAS]
+    size_m, rate_mps = s.bank.x[wrong, GNSS_BIAS], s.bank.x[wrong, GNSS_RATE]
+    if probability <= DISCREDIT_PROBABILITY or abs(rate_mps) > p.slide_sd_mps:
+        return
     if discredit(s.gnss, p, fix_type, size_m, DISCREDIT_LEAST_M, now_us) or (
         probability < EVEN and discredit(s.gnss, p, fix_type, trusted_m, 0.0, now_us)
     ):

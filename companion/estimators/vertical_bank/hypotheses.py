@@ -181,10 +181,13 @@ def suppose_after_outage(bank: Record, p: Record, prior: float) -> None:
 
 
 @step
-def on_gnss_surprise(bank: Record, p: Record, is_blind: bool, elapsed_s: float) -> None:
+def on_gnss_surprise(
+    bank: Record, p: Record, is_blind: bool, elapsed_s: float, is_precise: bool
+) -> None:
     """What may be behind a fix that the most probable hypothesis does not explain: a fault begins,
     or one that was less probable until now ends. A wrong receiver that surprises again does not
-    stay where it jumped to: taken for steps, a ramp after a jump would carry the height away."""
+    stay where it jumped to: taken for steps, a ramp after a jump would carry the height away. A slide
+    of a receiver that is precise surprises when it begins."""
     top, accuser = heaviest(bank, 0, N), heaviest_accuser(bank)
     elapsed_s = min(elapsed_s, LONGEST_ONSET_S)
     again = p.rejump_rate_per_h * PER_H * elapsed_s
@@ -194,6 +197,9 @@ def on_gnss_surprise(bank: Record, p: Record, is_blind: bool, elapsed_s: float) 
         suppose_gnss_fault(bank, p.gnss_jump_m, p.slide_sd_mps, ELSEWHERE * again, True)
     else:
         suppose_gnss_fault(bank, p.gnss_jump_m, 0.0, p.fault_rate_per_h * PER_H * elapsed_s, True)
+        if is_precise:
+            slides = p.slide_rate_per_h * PER_H * elapsed_s
+            suppose_gnss_fault(bank, UNSEEN_M, p.slide_sd_mps, slides, True)
     suppose_motion(bank, p, is_blind, elapsed_s)
 
 

@@ -29,7 +29,7 @@ def test_what_explains_a_surprise_finds_a_slot_among_more_probable_slides() -> N
     """Four slides of a thousandth each filled the table: a jump was then followed by 100 m."""
     bank, params = bank_and_params()
     bank.weight[GN:BA] = 1e-3
-    on_gnss_surprise(bank, params, False, 0.2)
+    on_gnss_surprise(bank, params, False, 0.2, False)
     assert bank.jumped[GN:BA].sum() == 1
     assert bank.weight[GN:BA].min() < 1e-5
 
@@ -45,7 +45,7 @@ def test_a_search_takes_no_slot_of_what_is_more_probable() -> None:
 def test_a_surprise_may_be_the_end_of_a_fault_that_was_not_the_most_probable() -> None:
     bank, params = bank_and_params()
     bank.weight[GN] = 1e-2
-    on_gnss_surprise(bank, params, False, 0.2)
+    on_gnss_surprise(bank, params, False, 0.2, False)
     assert bank.weight[RE:N].max() == pytest.approx(1e-2 * 30.0 / 3600.0 * 0.2)
 
 

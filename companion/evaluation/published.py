@@ -55,7 +55,8 @@ def published(log: SampleLog, estimator: str, settings: CompanionSettings) -> Pu
     """Run `estimator` over `log`, and follow what the companion would have sent."""
     method, section = ESTIMATORS[estimator], settings.section(estimator)
     before_s = time.thread_time()
-    estimates, verdicts, _ = run_log(method, log, section)
+    runs = _Runs(method, section, log)
+    estimates, verdicts = runs.estimates, runs.verdicts
     cost_us = (time.thread_time() - before_s) * 1e6 / max(1, len(log))
     kinds, rows = (np.asarray(log.tables.order[name]) for name in ("kind", "row"))
     clock_us = _clock(log, kinds, rows, round(settings.intake.gnss_latency_s * 1e6))
@@ -71,7 +72,7 @@ def published(log: SampleLog, estimator: str, settings: CompanionSettings) -> Pu
         row, estimate = tables[kind][rows[i] : rows[i] + 1], estimates[i : i + 1]
         follower.take(_KINDS[kind], row, _VERDICTS[verdicts[i]], now_us, is_primary=primary[i])
         if follower.asks_restart(_VERDICTS[verdicts[i]], now_us, estimate):
-            _run_anew(method, section, log, (estimates, verdicts), i + 1, now_us)
+            runs.restart(i + 1, now_us)
         is_sent[k] = follower.sends(_VERDICTS[verdicts[i]], now_us, estimate)
         health[k] = follower.monitor.health
     kept = np.asarray(estimates[followed])
@@ -82,20 +83,28 @@ def published(log: SampleLog, estimator: str, settings: CompanionSettings) -> Pu
 _KINDS, _VERDICTS = tuple(Kind), tuple(Verdict)
 
 
-def _run_anew(
-    method: Method,
-    section: Settings,
-    log: SampleLog,
-    results: tuple[Rows, Rows],
-    start: int,
-    now_us: int,
-) -> None:
-    """Estimates and verdicts from sample `start` on, of an estimator that was restarted there."""
-    running, tables = Filter(method, section), log.tables
-    running.step(Kind.STATUS, restart_row(now_us, now_us))
-    estimates, verdicts = (each[start:] for each in results)
-    rest = tables._replace(order=tables.order[start:])
-    method.run(running.state, running.params, rest, estimates, verdicts)
+class _Runs:
+    """An estimator over a log, with the restarts that the checker asks for."""
+
+    def __init__(self, method: Method, section: Settings, log: SampleLog) -> None:
+        self._filter, self._tables = Filter(method, section), log.tables
+        self._begun = 0
+        self.estimates, self.verdicts, _ = run_log(method, log, section)
+
+    def restart(self, start: int, now_us: int) -> None:
+        """Restart the estimator before sample `start`; estimates and verdicts from there on are
+        those of what it knew then and keeps."""
+        self._run(self._begun, start)
+        self._filter.step(Kind.STATUS, restart_row(now_us, now_us))
+        self._begun, kept = start, self._filter.state.copy()
+        self._run(start, self.estimates.size)
+        self._filter.state = kept
+
+    def _run(self, start: int, stop: int) -> None:
+        running, part = self._filter, slice(start, stop)
+        tables = self._tables._replace(order=self._tables.order[part])
+        estimates, verdicts = self.estimates[part], self.verdicts[part]
+        running.method.run(running.state, running.params, tables, estimates, verdicts)
 
 
 class _Follower:

@@ -186,8 +186,8 @@ def on_gnss_surprise(
 ) -> None:
     """What may be behind a fix that the most probable hypothesis does not explain: a fault begins,
     or one that was less probable until now ends. A wrong receiver that surprises again does not
-    stay where it jumped to: taken for steps, a ramp after a jump would carry the height away. A slide
-    of a receiver that is precise surprises when it begins."""
+    stay where it jumped to: taken for steps, a ramp after a jump would carry the height away.
+    Where a receiver is precise, a slide surprises when it begins."""
     top, accuser = heaviest(bank, 0, N), heaviest_accuser(bank)
     elapsed_s = min(elapsed_s, LONGEST_ONSET_S)
     again = p.rejump_rate_per_h * PER_H * elapsed_s

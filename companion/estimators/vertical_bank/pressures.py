@@ -62,6 +62,9 @@ from companion.samples import Rows
 
 LOWEST_PA, HIGHEST_PA = 1_000.0, 120_000.0
 SILENT_US = 2_000_000
+STUCK_DOUBT = 1e-4
+"""A barometer is stuck when its repeats alone are as improbable by chance: one that other sensors
+contradict already may repeat a value, too."""
 BARO_INTERVAL_S = 0.1
 """Barometer heights that come faster share the log-likelihood of one in this time."""
 
@@ -168,5 +171,6 @@ def hear_repeat(state: Rows, params: Rows) -> None:
     probability = repeat_probability(s.baro)
     s.baro.doubt *= probability
     doubt_repeat(s.bank, probability)
-    if fault_probability(s.bank, BAROMETER) > p.attribution_probability:
+    named = fault_probability(s.bank, BAROMETER) > p.attribution_probability
+    if named and s.baro.doubt < STUCK_DOUBT:
         s.baro.stuck = 1

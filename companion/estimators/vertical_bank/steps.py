@@ -223,13 +223,17 @@ def on_range(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
 @step
 def on_status(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     """A reboot restarts the vehicle's clock: start anew. Where the clock goes on, only the
-    estimator is restarted: the vehicle has taken off where it did."""
+    estimator is restarted: the vehicle has taken off where it did, and a fix type that was
+    discredited is."""
     s = state[0]
     if sample[0].reboot == 1:
-        was_us = s.takeoff.time_us if 0 <= s.bank.now_us <= sample[0].time_us else -1
+        is_ours = 0 <= s.bank.now_us <= sample[0].time_us
+        plain_until_us = s.gnss.plain_until_us if is_ours else -1
+        was_us = s.takeoff.time_us if is_ours else -1
         height_m, variance_m2 = mean(s.bank, TAKEOFF), variance(s.bank, TAKEOFF)
         start(state, params)
         forget(estimate)
+        s.gnss.plain_until_us = plain_until_us
         if was_us >= 0:
             take_off_at(s.takeoff, s.bank, was_us, height_m, variance_m2)
     note_landed(s.takeoff, sample[0].landed)

@@ -5,13 +5,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from companion.estimators.method import run_log
+from companion.estimators.method import Filter, run_log
 from companion.estimators.vertical_bank import steps as vb
 from companion.estimators.vertical_bank.beginning import bank_start
 from companion.estimators.vertical_bank.hypotheses import on_gnss_surprise, search
 from companion.estimators.vertical_bank.inertial import has_seen, inertial_start, take_acceleration
 from companion.estimators.vertical_bank.mixture import BA, GN, RE, N
 from companion.estimators.vertical_bank.settings import VerticalBankSettings
+from companion.intake import restart_row
 from companion.samples import FaultySensor, Kind
 from tests.flights import Flight, flight
 
@@ -188,3 +189,45 @@ def test_a_dead_barometer_leaves_a_receiver_that_reports_too_much_in_use() -> No
     assert np.abs(error_m[late]).max() < 6.0
     assert (np.abs(error_m) < estimates["protection_level_m"])[late].all()
     assert (estimates["fault_probabilities"][late, 1] < 0.5).all()
+
+
+@pytest.mark.parametrize("rate_mps", [2.0, -2.0])
+@pytest.mark.parametrize("start_s", [40.0, 130.0])
+def test_a_precise_receiver_that_slides_is_named(start_s: float, rate_mps: float) -> None:
+    """RTK fixed, spoofed: the IMU was named within a second, then the barometer, and the height
+    went along with a spread of centimetres."""
+    made = flight()
+    gnss = made.tables[Kind.GNSS]
+    gnss["fix_type"], gnss["vertical_sd_m"] = 6, 0.3
+    elapsed_s = made.elapsed_s(gnss["time_us"])
+    slide_m = rate_mps * np.clip(elapsed_s - start_s, 0.0, 60.0)
+    noise_m = np.random.default_rng(3).normal(0.0, 0.05, elapsed_s.size)
+    gnss["altitude_amsl_m"] = made.truth_m(gnss["time_us"]) + noise_m + slide_m
+    estimates, _, _ = run_log(vb.METHOD, made.log())
+    seconds = made.elapsed_s(estimates["time_us"])
+    error_m = np.abs(estimates["altitude_amsl_m"] - made.truth_m(estimates["time_us"]))
+    during = (seconds > start_s) & (seconds < start_s + 60.0)
+    assert (estimates["faulty"][(seconds > start_s + 12.0) & during] == FaultySensor.GNSS).all()
+    assert error_m[during].max() < 8.0
+
+
+def test_a_restart_in_flight_keeps_what_is_known_of_the_receiver() -> None:
+    """Its fix type was believed again aloft, where nothing showed at once that it swings."""
+    made = flight()
+    gnss = made.tables[Kind.GNSS]
+    gnss["fix_type"], gnss["vertical_sd_m"] = 6, 0.3
+    elapsed_s = made.elapsed_s(gnss["time_us"])
+    swings_m = np.where(elapsed_s < 100.0, 2.0 * np.sin(elapsed_s * 0.4), 2.0)
+    gnss["altitude_amsl_m"] = made.truth_m(gnss["time_us"]) + swings_m
+    running = Filter(vb.METHOD)
+    log = made.log()
+    order = log.tables.order
+    restarts_us = int(made.start_us + 120e6)
+    for entry in np.asarray(order):
+        kind = Kind(int(entry["kind"]))
+        row = log[kind][entry["row"] : entry["row"] + 1]
+        if restarts_us and row[0]["time_us"] > restarts_us:
+            running.step(Kind.STATUS, restart_row(restarts_us, restarts_us))
+            restarts_us = 0
+        running.step(kind, row)
+    assert running.estimate["altitude_sd_m"][0] > 1.0

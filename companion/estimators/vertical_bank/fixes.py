@@ -31,7 +31,6 @@ from companion.estimators.vertical_bank.cycle import (
 )
 from companion.estimators.vertical_bank.hypotheses import (
     SURPRISE_SIGMA,
-    drop_gnss_faults,
     on_gnss_surprise,
     suppose_after_outage,
 )
@@ -42,13 +41,16 @@ from companion.estimators.vertical_bank.inertial import (
     learn_manoeuvre,
 )
 from companion.estimators.vertical_bank.mixture import (
+    LEAST,
     N,
     expected,
     expected_variance,
     fuse,
+    gnss_is_wrong,
     heaviest_accuser,
     heaviest_trusting,
     mean,
+    normalise,
     surprises,
 )
 from companion.estimators.vertical_bank.redundancy import (
@@ -168,6 +170,15 @@ def doubt_type(state: Rows, params: Rows, fix_type: int, trusted_m: float) -> No
         probability < EVEN and discredit(s.gnss, p, fix_type, trusted_m, 0.0, now_us)
     ):
         drop_gnss_faults(s.bank)
+
+
+@step
+def drop_gnss_faults(bank: Record) -> None:
+    """What spoke for a fault of the receiver is explained otherwise."""
+    for i in range(N):
+        if gnss_is_wrong(i):
+            bank.weight[i] *= LEAST
+    normalise(bank)
 
 
 @step

@@ -42,7 +42,6 @@ from companion.estimators.vertical_bank.mixture import (
     BA,
     BO,
     GN,
-    LEAST,
     MO,
     RE,
     N,
@@ -249,15 +248,6 @@ def trust_again(bank: Record, doubt: float) -> None:
     for i in range(N):
         if baro_is_wrong(i):
             bank.weight[i] *= doubt
-    normalise(bank)
-
-
-@step
-def drop_gnss_faults(bank: Record) -> None:
-    """What spoke for a fault of the receiver is explained otherwise."""
-    for i in range(N):
-        if gnss_is_wrong(i):
-            bank.weight[i] *= LEAST
     normalise(bank)
 
 

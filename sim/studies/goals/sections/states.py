@@ -93,10 +93,12 @@ def states_of(log: SampleLog) -> States:
 
 def _draw(page: SectionPage, states: States) -> None:
     caption = (
-        "Each state over the flight (minutes since the first sample); green is the bank, "
+        "Each state over the flight (minutes since the first sample); blue is the bank, "
         "black the truth."
     )
-    with page.figure("states", caption, rows=4, columns=2, panel_in=1.9, sharex=True) as axes:
+    with page.figure(
+        "states", caption, rows=4, columns=2, panel_in=1.9, dpi=120, sharex=True
+    ) as axes:
         _draw_errors(axes, states)
         _draw_sensors(axes, states)
         _draw_integrity(axes, states)

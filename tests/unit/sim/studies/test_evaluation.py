@@ -7,8 +7,10 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from companion.settings import CompanionSettings
 from sim.cli import app
 from sim.studies.goals import SECTIONS, Context, Section
+from sim.studies.goals.flight_jobs import ABLATIONS, PREFIX
 from sim.studies.goals.goals import GOALS, Measured
 from sim.studies.goals.section import Index, SectionPage, read_rows, summary
 from tests.paths import ROOT
@@ -113,3 +115,9 @@ def test_a_page_in_the_repository_is_whole_and_small(key: str) -> None:
     figures = {PAGES / name for name in re.findall(r"\]\(([^)]+\.png)\)", text)}
     assert figures == set(PAGES.glob(f"{key}-*.png"))
     assert all(figure.stat().st_size < LARGEST_FIGURE_BYTES for figure in figures)
+
+
+@pytest.mark.parametrize("name", list(ABLATIONS))
+def test_every_ablation_is_a_setting_of_the_bank(name: str) -> None:
+    """One with a key of an earlier bank failed every flight that it was tried on."""
+    CompanionSettings().with_assignments([f"{PREFIX}{each}" for each in ABLATIONS[name]])

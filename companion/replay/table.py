@@ -86,20 +86,19 @@ def _held(times_us: Array, source_us: Array, values: Array) -> Array:
 def write(path: Path, tables: Iterable[Columns]) -> None:
     """Write sessions to a .csv or .parquet, whole or not at all. Raises `ConfigError` when the file
     cannot be written, or Parquet needs a package that is not there."""
-    is_parquet = path.suffix.lower() == ".parquet"
-    if path.exists() and not path.is_file():  # a pipe or a device
-        partial = path
-    else:
-        partial = path.with_name(path.name + ".partial")
+    is_special = path.exists() and not path.is_file()  # a pipe or a device
+    partial = path if is_special else path.with_name(path.name + ".partial")
     try:
-        if is_parquet:
+        if path.suffix.lower() == ".parquet":
             _write_parquet(partial, list(tables))
         else:
             _write_csv(partial, tables)
-        if partial != path:
+        if not is_special:
             partial.replace(path)
+    except ImportError:
+        raise ConfigError(f"{path}: Parquet needs pyarrow: pip install 'kollsman[fleet]'") from None
     except OSError as error:
-        if partial != path:
+        if not is_special:
             partial.unlink(missing_ok=True)
         raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None
 
@@ -123,11 +122,9 @@ def _cell(value: Any) -> Any:
 
 
 def _write_parquet(path: Path, tables: list[Columns]) -> None:
-    try:
-        import pyarrow as pa
-        from pyarrow import parquet
-    except ImportError:
-        raise ConfigError(f"{path}: Parquet needs pyarrow: pip install 'kollsman[fleet]'") from None
+    import pyarrow as pa
+    from pyarrow import parquet
+
     parts = [pa.table({name: _arrow(values) for name, values in each.items()}) for each in tables]
     parquet.write_table(pa.concat_tables(parts, promote_options="permissive"), path)
 

@@ -140,8 +140,8 @@ def _learn_scale(d: Record, metres: float, sd_m: float, baro_m: float) -> None:
     variance = d.scale_sd * d.scale_sd
     noise = LEG_NOISE * max(sd_m, d.leg_sd_m) / climb_m
     gain = variance / (variance + noise * noise)
-    shown = (metres - d.leg_metres) / climb_m
-    scale = min(max(d.scale + gain * (shown - d.scale), -SCALE), SCALE)
+    on_leg = (metres - d.leg_metres) / climb_m
+    scale = min(max(d.scale + gain * (on_leg - d.scale), -SCALE), SCALE)
     d.metres += (d.scale - scale) * (baro_m - d.baro_m)  # as agreed here
     d.scale = scale
     d.scale_sd = max(LEAST_SCALE_SD, math.sqrt((1.0 - gain) * variance))

@@ -142,8 +142,9 @@ def hear_fix(state: Rows, params: Rows, sample: Rows, fix_m: float, late_s: floa
             else:
                 on_gnss_surprise(s.bank, p, blind, elapsed_s, fix_type >= RTK_FLOAT)
     s.gnss.seen, s.gnss.used_us = 1, s.bank.now_us
-    trusting = heaviest_trusting(s.bank)
-    trusted_m = fix_m - dot(s.bank.H, s.bank.x[trusting])
+    trusted_m = math.nan
+    if fix_type > PLAIN:
+        trusted_m = fix_m - dot(s.bank.H, s.bank.x[heaviest_trusting(s.bank)])
     fuse(s.bank, fix_m, R, p.tempering_ratio * min(1.0, elapsed_s / FIX_INTERVAL_S), 0)
     if fix_type > PLAIN:
         doubt_type(state, params, fix_type, trusted_m)

@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from companion import locations
+from companion import locations, whole_file
 from companion.config import validate
 from companion.errors import ConfigError
 from companion.known_air import AirSettings, KnownAir
@@ -62,9 +62,8 @@ class AirStore:
                     self.path.unlink()
                 return True
             values = {key: getattr(air, key) for key in KEYS}
-            partial = self.path.with_suffix(".partial")
-            partial.write_text(json.dumps(values | {"unix_s": self._wall_s()}), encoding="ascii")
-            partial.replace(self.path)
+            kept = json.dumps(values | {"unix_s": self._wall_s()})
+            whole_file.write(self.path, kept.encode("ascii"))
         except OSError as error:
             logger.warning("parameters are not kept: %s", error)
             return False

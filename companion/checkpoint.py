@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from companion import locations
+from companion import locations, whole_file
 from companion.checkpoint_settings import CheckpointSettings
 from companion.estimators import Filter
 from companion.health import Health
@@ -128,11 +128,8 @@ class Checkpoint:
         return Resumption(pipeline, fresh, pipeline.now_us + age_us)
 
     def _write(self, path: Path, data: bytes) -> None:
-        partial = path.with_suffix(".partial")
-        descriptor = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(MAGIC + zlib.crc32(data).to_bytes(4, "little") + data)
-        partial.replace(path)
+        content = MAGIC + zlib.crc32(data).to_bytes(4, "little") + data
+        whole_file.write(path, content, mode=0o600)
 
     def _read(self, path: Path) -> bytes | None:
         try:

@@ -19,6 +19,7 @@ from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from companion import whole_file
 from companion.errors import ConfigError, KollsmanError
 from companion.output import quiet
 
@@ -129,11 +130,9 @@ def _path(parts: Path | None, key: str, storage: Storage) -> Path | None:
 
 def _keep(path: Path, content: bytes) -> None:
     """Write the result of a job; the file appears whole or not at all. Raises `ConfigError`."""
-    partial = path.with_suffix(".partial")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial.write_bytes(content)
-        partial.replace(path)
+        whole_file.write(path, content)
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None
 

@@ -18,7 +18,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from companion import locations
+from companion import locations, whole_file
 from companion.errors import ConfigError
 from companion.mavlink.signing import KEY_BYTES, UNIT_US, Signing, SigningSettings, stamp_of
 
@@ -112,12 +112,8 @@ class Reserve:
         """Write when `newest` comes near to what is on disk."""
         if newest < self._due or self._failed:
             return
-        partial = self.path.with_suffix(".partial")
         try:
-            descriptor = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-            with os.fdopen(descriptor, "w", encoding="ascii") as file:
-                file.write(f"{newest + 2 * self._ahead}\n")
-            partial.replace(self.path)
+            whole_file.write(self.path, b"%d\n" % (newest + 2 * self._ahead), mode=0o600)
         except OSError as error:
             self._failed = True
             logger.warning("time stamps of signatures are not kept: %s", error)

@@ -6,12 +6,11 @@ import hashlib
 import json
 import logging
 import math
-import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
-from companion import locations
+from companion import locations, whole_file
 
 logger = logging.getLogger("kollsman.feedback")
 
@@ -82,12 +81,8 @@ class MarkFile:
                 with contextlib.suppress(FileNotFoundError):
                     self.path.unlink()
             else:
-                partial = self.path.with_suffix(".partial")
-                with partial.open("w", encoding="utf-8") as file:
-                    json.dump(asdict(mark), file)
-                    file.flush()
-                    os.fsync(file.fileno())
-                partial.replace(self.path)
+                content = json.dumps(asdict(mark)).encode("utf-8")
+                whole_file.write(self.path, content, is_synced=True)
         except OSError as error:
             logger.error("the mark of feedback cannot be kept: %s", error)
             return False

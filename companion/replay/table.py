@@ -19,6 +19,7 @@ from companion.replay.findings import utc
 from companion.replay.record import Recording
 from companion.replay.sessions import Session
 from companion.samples import FaultySensor, Kind, Verdict
+from companion.whole_file import replacing
 
 HELD_US = 2_000_000
 """for how long a raw height stands in the rows behind it"""
@@ -86,20 +87,15 @@ def _held(times_us: Array, source_us: Array, values: Array) -> Array:
 def write(path: Path, tables: Iterable[Columns]) -> None:
     """Write sessions to a .csv or .parquet, whole or not at all. Raises `ConfigError` when the file
     cannot be written, or Parquet needs a package that is not there."""
-    is_special = path.exists() and not path.is_file()  # a pipe or a device
-    partial = path if is_special else path.with_name(path.name + ".partial")
     try:
-        if path.suffix.lower() == ".parquet":
-            _write_parquet(partial, list(tables))
-        else:
-            _write_csv(partial, tables)
-        if not is_special:
-            partial.replace(path)
+        with replacing(path) as partial:
+            if path.suffix.lower() == ".parquet":
+                _write_parquet(partial, list(tables))
+            else:
+                _write_csv(partial, tables)
     except ImportError:
         raise ConfigError(f"{path}: Parquet needs pyarrow: pip install 'kollsman[fleet]'") from None
     except OSError as error:
-        if not is_special:
-            partial.unlink(missing_ok=True)
         raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 

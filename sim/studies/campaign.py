@@ -21,6 +21,7 @@ from companion.evaluation.compare import SETTLE_S, Comparison, compare_log
 from companion.evaluation.samples import samples_of
 from companion.jobs import Done, Row
 from companion.settings import CompanionSettings
+from companion.whole_file import replacing
 from sim.flight import Summary
 from sim.scenario import Scenario, load_scenario
 from sim.studies import runs
@@ -178,9 +179,8 @@ def write(rows: Sequence[Row], path: Path) -> None:
 
     names = list(dict.fromkeys(name for row in rows for name in row))
     table = pa.Table.from_pylist([{name: row.get(name) for name in names} for row in rows])
-    partial = path.with_suffix(".partial")
-    pq.write_table(table, partial)
-    partial.replace(path)
+    with replacing(path) as partial:
+        pq.write_table(table, partial)
 
 
 def read(path: Path) -> list[Row]:

@@ -6,10 +6,11 @@ from companion.estimators.vertical_bank.baro_terms.static_port import unseen_hea
 from companion.estimators.vertical_bank.barometer import unseen_speed_mps
 from companion.estimators.vertical_bank.beginning import resume
 from companion.estimators.vertical_bank.channel import PORT
-from companion.estimators.vertical_bank.hypotheses import search, switch
+from companion.estimators.vertical_bank.hypotheses import search
 from companion.estimators.vertical_bank.inertial import forget_manoeuvre, has_seen
 from companion.estimators.vertical_bank.mixture import advance, climb_the_column, mean, variance
 from companion.estimators.vertical_bank.publishing import publish
+from companion.estimators.vertical_bank.switching import switch
 from companion.estimators.vertical_bank.takeoff import REST_SPEED_MPS, watch_takeoff
 from companion.estimators.vertical_bank.weather import age_weather
 from companion.jit import step

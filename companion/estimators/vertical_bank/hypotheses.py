@@ -14,7 +14,8 @@ IMU wrong (1)        either surprises;                         .1 /h        in 3
                      between fixes far apart                   60 /h        5 s
                      o and h unknown, their sum known
 both wrong (2)       the other sensor surprises                as each      as each
-GNSS returned (2)    from GNSS wrong: g as of a good receiver  see ends     in 20 s, to weather
+returned (2)         from GNSS wrong: g as of a good receiver  see ends     in 20 s, to weather
+                     from barometer wrong: o as before it      30 /h
 ===================  ========================================  ===========  ======================
 
 A fault is supposed before the measurement that surprises is fused, from the most probable
@@ -23,8 +24,6 @@ measurements decide from then on. Nothing is latched: an excluded sensor is one 
 are probable.
 """
 
-import math
-
 from companion.estimators.vertical_bank.channel import (
     CLIMB,
     GNSS_BIAS,
@@ -32,7 +31,6 @@ from companion.estimators.vertical_bank.channel import (
     HEIGHT,
     OFFSET,
     RATE,
-    SIZE,
     dot,
     duplicate,
     gather,
@@ -49,6 +47,7 @@ from companion.estimators.vertical_bank.mixture import (
     gnss_is_wrong,
     heaviest,
     heaviest_accuser,
+    heaviest_of_wrong_baro,
     imu_is_wrong,
     normalise,
     rate_sd_mps,
@@ -58,12 +57,11 @@ from companion.samples import Record
 
 PER_H = 1.0 / 3600.0
 SURPRISE_SIGMA = 3.0
-SWITCH_US, SEARCH_US = 1_000_000, 10_000_000
+SEARCH_US = 10_000_000
 UNSEEN_M = 1.0
 """What a vehicle has moved by when a motion that the IMU did not tell is first supposed."""
-DEFENDED_SD_M, KNOWN_AGAIN_M = 30.0, 10.0
-"""A height without GNSS that is worse is of no use; the offset of a barometer that was wrong is
-known again when the height is."""
+DEFENDED_SD_M = 30.0
+"""A height without GNSS that is worse is of no use."""
 LEARNED = 1.0 + 1e-6
 """A hypothesis that is more probable than its prior by this factor has learned since it was
 supposed. Where nothing was learned both are equal, but for rounding."""
@@ -94,6 +92,11 @@ def suppose(
     duplicate(bank.x[slot], bank.P[slot], bank.x[parent], bank.P[parent])
     bank.weight[slot], bank.weather[slot] = weight, bank.weather[parent]
     bank.jumped[slot] = bank.jumped[parent]
+    if baro_is_wrong(parent):
+        bank.home_m[slot], bank.home_m2[slot] = bank.home_m[parent], bank.home_m2[parent]
+    else:  # the same slow error of the receiver is behind the height and the offset
+        bank.home_m[slot] = bank.x[parent, OFFSET]
+        bank.home_m2[slot] = bank.P[parent, OFFSET, OFFSET] + bank.slow_m2
     return slot
 
 
@@ -162,6 +165,24 @@ def suppose_return(bank: Record, parent: int, prior: float, is_surprise: bool) -
 
 
 @step
+def suppose_baro_return(bank: Record, p: Record, prior: float) -> None:
+    """The most probable hypothesis whose barometer is wrong, but its offset is since now what it
+    was before; that much less of the parent remains. Where the receiver was wrong too, it still
+    is."""
+    parent = heaviest_of_wrong_baro(bank)
+    if bank.weight[parent] == 0.0:
+        return
+    still = gnss_is_wrong(parent)
+    home_m, home_m2 = bank.home_m[parent], bank.home_m2[parent]
+    slot = suppose(bank, parent, GN if still else RE, BA if still else N, prior, True)
+    bank.weight[parent] *= 1.0 - min(1.0, prior)
+    if slot >= 0:
+        rate_sd = rate_sd_mps(bank, p, slot)
+        replace(bank.x[slot], bank.P[slot], OFFSET, home_m, home_m2)
+        replace(bank.x[slot], bank.P[slot], RATE, 0.0, rate_sd * rate_sd)
+
+
+@step
 def divide_anew(bank: Record, i: int, m2: float) -> None:
     """Hypothesis i knows the sum of height and barometer offset as before, but each only within the
     variance `m2`."""
@@ -224,6 +245,7 @@ def on_baro_surprise(
     given up for one that begins now."""
     top = heaviest(bank, 0, N)
     elapsed_s = min(elapsed_s, LONGEST_ONSET_S)
+    suppose_baro_return(bank, p, p.rejump_rate_per_h * PER_H * elapsed_s)
     rate_per_h = p.rejump_rate_per_h if baro_is_wrong(top) else p.fault_rate_per_h
     prior = rate_per_h * PER_H * elapsed_s
     first, end = (BO, RE) if gnss_is_wrong(top) else (BA, MO)
@@ -298,97 +320,3 @@ def search(bank: Record, p: Record) -> None:
             suppose_return(bank, i, elapsed_s / lasts_s(bank, p, i), False)
     suppose_baro_is_well(bank, p, elapsed_s)
     normalise(bank)
-
-
-@step
-def switch(bank: Record, p: Record, is_stuck: int) -> None:
-    """Every second: the weather may change its kind, and faults of seconds end: each weather
-    channel restarts from the moments of all that may have become it."""
-    elapsed_s = (bank.now_us - bank.switched_us) * 1e-6
-    if elapsed_s < SWITCH_US * 1e-6:
-        return
-    bank.switched_us = bank.now_us
-    elapsed_s = min(elapsed_s, LONGEST_ONSET_S)
-    change = 1.0 - math.exp(-elapsed_s / p.switching_s)
-    for j in range(GN):
-        mix_into(bank, p, j, change, elapsed_s, is_stuck)
-    for i in range(GN, N):
-        bank.weight[i] *= 1.0 - ending(bank, p, i, elapsed_s, is_stuck)
-    for j in range(GN):
-        duplicate(bank.x[j], bank.P[j], bank.mixed_x[j], bank.mixed_P[j])
-    for j in range(GN):
-        bank.weight[j] = bank.log_likelihood[j]
-    normalise(bank)
-
-
-@step
-def ending(bank: Record, p: Record, i: int, elapsed_s: float, is_stuck: int) -> float:
-    """Probability that hypothesis i, no weather, has become weather within `elapsed_s`."""
-    if imu_is_wrong(i):
-        time_s = p.manoeuvre_time_s if bank.blind == 1 else p.imu_fault_time_s
-        return 1.0 - math.exp(-elapsed_s / time_s)
-    if BA <= i < MO:
-        unknown = bank.P[i, HEIGHT, HEIGHT] > KNOWN_AGAIN_M * KNOWN_AGAIN_M
-        is_free = bank.blind == 1 and unknown
-        return 0.0 if is_stuck == 1 or is_free else 1.0 - math.exp(-elapsed_s / p.baro_fault_time_s)
-    if i >= RE:
-        return 1.0 - math.exp(-elapsed_s / p.baro_fault_time_s)
-    return 0.0
-
-
-@step
-def share_of(
-    bank: Record, p: Record, i: int, j: int, change: float, elapsed_s: float, stuck: int
-) -> float:
-    """Probability that hypothesis i holds and has become weather j."""
-    if i < GN:
-        return ((1.0 - change if i == j else 0.0) + change * p.weather_prior[j]) * bank.weight[i]
-    return ending(bank, p, i, elapsed_s, stuck) * p.weather_prior[j] * bank.weight[i]
-
-
-@step
-def mix_into(
-    bank: Record, p: Record, j: int, change: float, elapsed_s: float, is_stuck: int
-) -> None:
-    """Moments of weather j after `elapsed_s`, into `mixed_x` and `mixed_P`; its probability into
-    `log_likelihood`. What comes out of a fault of the barometer has the drift rate of weather j."""
-    total = 0.0
-    mixed, cov = bank.mixed_x[j], bank.mixed_P[j]
-    for k in range(SIZE):
-        mixed[k] = 0.0
-        for m in range(SIZE):
-            cov[k, m] = 0.0
-    for i in range(N):
-        if bank.weight[i] == 0.0:
-            continue
-        share = share_of(bank, p, i, j, change, elapsed_s, is_stuck)
-        total += share
-        for k in range(SIZE):
-            mixed[k] += share * (0.0 if k == RATE and baro_is_wrong(i) else bank.x[i, k])
-    bank.log_likelihood[j] = total
-    if total <= 0.0:
-        return
-    for k in range(SIZE):
-        mixed[k] /= total
-    for i in range(N):
-        if bank.weight[i] == 0.0:
-            continue
-        share = share_of(bank, p, i, j, change, elapsed_s, is_stuck) / total
-        if share > 0.0:
-            add_moment(bank, p, i, j, share)
-
-
-@step
-def add_moment(bank: Record, p: Record, i: int, j: int, share: float) -> None:
-    """Add hypothesis i to the covariance of weather j."""
-    x, P, mixed, cov = bank.x[i], bank.P[i], bank.mixed_x[j], bank.mixed_P[j]
-    from_fault = baro_is_wrong(i)
-    for k in range(SIZE):
-        for m in range(k, SIZE):
-            if from_fault and RATE in (k, m):
-                continue
-            cov[k, m] += share * (P[k, m] + (x[k] - mixed[k]) * (x[m] - mixed[m]))
-    if from_fault and bank.outage == 1:  # its climb rested on the IMU alone
-        cov[CLIMB, CLIMB] += share * p.manoeuvre_mps**2
-    if from_fault:
-        cov[RATE, RATE] += share * (rate_sd_mps(bank, p, j) ** 2 + mixed[RATE] ** 2)

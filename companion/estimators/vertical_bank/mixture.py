@@ -1,7 +1,7 @@
 """The pruned Gaussian mixture: few hypotheses about the weather and about faults, one channel each.
 
 A hypothesis has a mode, which is its place in the table (`W` weather, `GN` GNSS wrong, `BA`
-barometer wrong, `MO` IMU wrong or an unseen manoeuvre, `BO` barometer and GNSS wrong, `RE` GNSS
+barometer wrong, `MO` IMU wrong or an unseen manoeuvre, `BO` barometer and GNSS wrong, `RE` a sensor
 returned), a kind of weather, a channel and a probability. A probability of 0 is an empty slot.
 `hypotheses` says how they begin and end; here they are propagated, corrected, and read.
 
@@ -68,6 +68,8 @@ BANK = np.dtype(
         ("heard", "f8"),  # sum of their tempering
         ("weather", "i8", (N,)),  # which kind
         ("jumped", "i8", (N,)),  # 1 when the receiver's fault came as a jump
+        ("home_m", "f8", (N,)),  # where the barometer is wrong: its offset before, and the variance
+        ("home_m2", "f8", (N,)),
         ("H", "f8", (SIZE,)),
         ("K", "f8", (SIZE,)),
         ("mixed_x", "f8", (3, SIZE)),
@@ -174,6 +176,13 @@ def heaviest(bank: Record, first: int, end: int) -> int:
 def heaviest_accuser(bank: Record) -> int:
     """The most probable hypothesis that says that the receiver is wrong."""
     alone, both = heaviest(bank, GN, BA), heaviest(bank, BO, RE)
+    return both if bank.weight[both] > bank.weight[alone] else alone
+
+
+@step
+def heaviest_of_wrong_baro(bank: Record) -> int:
+    """The most probable hypothesis that says that the barometer is wrong."""
+    alone, both = heaviest(bank, BA, MO), heaviest(bank, BO, RE)
     return both if bank.weight[both] > bank.weight[alone] else alone
 
 
@@ -325,6 +334,7 @@ def climb_the_column(bank: Record) -> None:
     for i in range(N):
         if bank.weight[i] > 0.0:
             carry(bank.x[i], bank.P[i], OFFSET, SCALE, moved_m)
+            bank.home_m[i] += bank.x[i, SCALE] * moved_m
 
 
 @step

@@ -1,5 +1,6 @@
 """The vertical bank's hypotheses about faults: how they begin, what they need, how they end."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -8,9 +9,14 @@ import pytest
 from companion.estimators.method import Filter, run_log
 from companion.estimators.vertical_bank import steps as vb
 from companion.estimators.vertical_bank.beginning import bank_start
-from companion.estimators.vertical_bank.hypotheses import on_gnss_surprise, search
+from companion.estimators.vertical_bank.channel import OFFSET
+from companion.estimators.vertical_bank.hypotheses import (
+    on_baro_surprise,
+    on_gnss_surprise,
+    search,
+)
 from companion.estimators.vertical_bank.inertial import has_seen, inertial_start, take_acceleration
-from companion.estimators.vertical_bank.mixture import BA, GN, RE, N
+from companion.estimators.vertical_bank.mixture import BA, GN, MO, RE, N
 from companion.estimators.vertical_bank.settings import VerticalBankSettings
 from companion.intake import restart_row
 from companion.samples import FaultySensor, Kind
@@ -48,6 +54,42 @@ def test_a_surprise_may_be_the_end_of_a_fault_that_was_not_the_most_probable() -
     bank.weight[GN] = 1e-2
     on_gnss_surprise(bank, params, False, 0.2, False)
     assert bank.weight[RE:N].max() == pytest.approx(1e-2 * 30.0 / 3600.0 * 0.2)
+
+
+def test_a_barometer_may_return_to_the_offset_that_it_had() -> None:
+    """As a jump of any size, its end was as improbable as a new fault."""
+    bank, params = bank_and_params()
+    bank.x[:, OFFSET] = 12.0
+    search(bank, params)
+    wrong = BA + int(bank.weight[BA:MO].argmax())
+    bank.x[wrong, OFFSET] = 60.0
+    bank.weight[RE:N] = 0.0
+    weight = bank.weight[wrong]
+    on_baro_surprise(bank, params, False, 0.1, math.nan, 1.0)
+    well = RE + int(bank.weight[RE:N].argmax())
+    assert bank.weight[well] == pytest.approx(weight * 30.0 / 3600.0 * 0.1)
+    assert bank.x[well, OFFSET] == 12.0
+
+
+@pytest.mark.parametrize(
+    ("seed", "rate_mps", "start_s", "lasts_s"),
+    [(858, -1.0, 113.8, 39.0), (889, 1.0, 103.6, 48.3), (17, -1.0, 115.8, 30.7)],
+)
+def test_a_barometer_that_slides_and_jumps_home_is_not_held_against_the_receiver(
+    seed: int, rate_mps: float, start_s: float, lasts_s: float
+) -> None:
+    """The receiver was named from the jump on, with a height 40 to 57 m wrong and a spread of
+    6 m."""
+    made = flight(imu_hz=25.0, pressure_hz=10.0, seed=seed)
+    pressure = made.tables[Kind.PRESSURE]
+    hit = made.within(Kind.PRESSURE, start_s, start_s + lasts_s)
+    elapsed_s = made.elapsed_s(pressure["time_us"][hit]) - start_s
+    pressure["pressure_pa"][hit] -= 11.6 * rate_mps * elapsed_s
+    estimates, _, _ = run_log(vb.METHOD, made.log())
+    after = made.elapsed_s(estimates["time_us"]) > start_s + lasts_s + 10.0
+    error_m = estimates["altitude_amsl_m"] - made.truth_m(estimates["time_us"])
+    assert not (estimates["faulty"] == FaultySensor.GNSS).any()
+    assert np.abs(error_m[after]).max() < 10.0
 
 
 def frozen(made: Flight, start_s: float, end_s: float) -> Flight:

@@ -7,7 +7,7 @@ weather (3)          from the start                            1 in 20 min  neve
 GNSS wrong (4)       a fix surprises: g unknown (jump);        .1 /h        a jump by a jump only,
                      every 10 s: g slides                      .03 /h       a slide in minutes
 barometer wrong (3)  a height surprises: o unknown (jump);     .1 /h        in 20 s, o is kept
-                     every 10 s: o slides;
+                     every 10 s: o slides;                     .03 /h
                      after an outage of GNSS:
                      o and h unknown, their sum known          .03 or .003
 IMU wrong (1)        either surprises;                         .1 /h        in 30 s
@@ -276,10 +276,17 @@ def trust_again(bank: Record, doubt: float) -> None:
 @step
 def lasts_s(bank: Record, p: Record, i: int) -> float:
     """Duration of the receiver's fault in hypothesis i. A jump ends by a jump, but where the height
-    without GNSS has become of no use, better a GNSS that may be wrong."""
+    without GNSS has become of no use, better a GNSS that may be wrong. The most probable slide is
+    none any more when it stands still where a good receiver may be."""
     if bank.P[i, HEIGHT, HEIGHT] > DEFENDED_SD_M * DEFENDED_SD_M:
         return float(p.baro_fault_time_s)
-    return float(p.jump_time_s if bank.jumped[i] == 1 else p.slide_end_s)
+    if bank.jumped[i] == 1:
+        return float(p.jump_time_s)
+    if i != heaviest(bank, 0, N):
+        return float(p.slide_end_s)
+    moves_m = bank.x[i, GNSS_RATE] * SEARCH_US * 1e-6
+    is_usual = bank.x[i, GNSS_BIAS] ** 2 < 4.0 * bank.slow_m2 and moves_m**2 < bank.slow_m2
+    return float(p.baro_fault_time_s if is_usual else p.slide_end_s)
 
 
 @step

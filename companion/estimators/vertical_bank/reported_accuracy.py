@@ -82,11 +82,20 @@ RECEIVER = np.dtype(
 @step
 def receiver_start(gnss: Record) -> None:
     """No fix heard."""
-    gnss.seen, gnss.used_us, gnss.median_m, gnss.height_m = 0, -1, math.nan, math.nan
-    gnss.against_m, gnss.datum_m2, gnss.plain_until_us = 0.0, 0.0, -1
-    gnss.path_m, gnss.innovation_m, gnss.ground_speed_mps = 0.0, math.nan, math.nan
+    gnss.plain_until_us, gnss.median_m = -1, math.nan
     gnss.rest_type, gnss.rest_reported_m = 0, 0.0
     forget_rests(gnss)
+    receiver_restart(gnss)
+
+
+@step
+def receiver_restart(gnss: Record) -> None:
+    """No fix heard, by an estimator that begins anew; what its fixes have shown of the receiver is
+    known."""
+    gnss.seen, gnss.used_us, gnss.height_m, gnss.path_m = 0, -1, math.nan, 0.0
+    gnss.against_m, gnss.datum_m2 = 0.0, 0.0
+    gnss.innovation_m, gnss.ground_speed_mps = math.nan, math.nan
+    note_motion(gnss)
 
 
 @step
@@ -196,14 +205,19 @@ def expected_slow_m2(p: Record, sample: Rows, fix_type: int, white: float) -> fl
 @step
 def slow_m2(gnss: Record, p: Record, sample: Rows, fix_type: int, white: float) -> float:
     """Slow variance of a fix: as reported, or what the stream has shown at rest of a fix that was
-    as good."""
+    as good. A dilution of precision tells a variance to a factor, so less than it tells counts by
+    the mean of the logarithms."""
     expected_m2 = expected_slow_m2(p, sample, fix_type, white)
-    if fix_type > gnss.rest_type:
+    if fix_type > gnss.rest_type or gnss.rests_s == 0.0:
         return expected_m2
-    shown_m2s = p.gnss_time_s * expected_m2 + min(gnss.rests_m2s[0], gnss.rests_m2s[1])
-    mean_m2 = shown_m2s / (p.gnss_time_s + gnss.rests_s)
-    is_reported = sample[0].vertical_sd_m > 0.0
-    return max(expected_m2 if is_reported else slow_floor_m(p, fix_type) ** 2, mean_m2)
+    shown_m2 = min(gnss.rests_m2s[0], gnss.rests_m2s[1]) / gnss.rests_s
+    share = gnss.rests_s / (p.gnss_time_s + gnss.rests_s)
+    if shown_m2 >= expected_m2:
+        return (1.0 - share) * expected_m2 + share * shown_m2
+    if sample[0].vertical_sd_m > 0.0:
+        return expected_m2
+    floor_m2 = slow_floor_m(p, fix_type) ** 2
+    return float(max(floor_m2, expected_m2 * (max(floor_m2, shown_m2) / expected_m2) ** share))
 
 
 @step

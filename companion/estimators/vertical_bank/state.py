@@ -9,7 +9,11 @@ from companion.estimators.vertical_bank.inertial import INERTIAL as INERTIAL_REC
 from companion.estimators.vertical_bank.inertial import inertial_start
 from companion.estimators.vertical_bank.mixture import BANK
 from companion.estimators.vertical_bank.redundancy import SPARES, spares_start
-from companion.estimators.vertical_bank.reported_accuracy import RECEIVER, receiver_start
+from companion.estimators.vertical_bank.reported_accuracy import (
+    RECEIVER,
+    receiver_restart,
+    receiver_start,
+)
 from companion.estimators.vertical_bank.takeoff import TAKEOFF_RECORD, takeoff_start
 from companion.jit import step
 from companion.kernels.attitude import ATTITUDE_STATE, attitude_start
@@ -38,6 +42,13 @@ def init(params: Rows) -> Rows:
 @step
 def start(state: Rows, params: Rows) -> None:
     """Forget everything but the counters."""
+    receiver_start(state[0].gnss)
+    restart(state, params)
+
+
+@step
+def restart(state: Rows, params: Rows) -> None:
+    """Forget everything but the counters and what the receiver has shown of itself."""
     s, p = state[0], params[0]
     reset(state)
     attitude_start(s.attitude)
@@ -45,7 +56,7 @@ def start(state: Rows, params: Rows) -> None:
     bank_start(s.bank, p)
     attribution_start(s.named)
     barometer_start(s.baro, p)
-    receiver_start(s.gnss)
+    receiver_restart(s.gnss)
     spares_start(s.spares)
     takeoff_start(s.takeoff)
     aids_start(s.aids)

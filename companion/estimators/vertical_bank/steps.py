@@ -67,7 +67,7 @@ from companion.estimators.vertical_bank.mixture import advance, mean, variance
 from companion.estimators.vertical_bank.pressures import on_pressure
 from companion.estimators.vertical_bank.publishing import publish
 from companion.estimators.vertical_bank.settings import VerticalBankSettings
-from companion.estimators.vertical_bank.state import STATE, init, start
+from companion.estimators.vertical_bank.state import STATE, init, restart, start
 from companion.estimators.vertical_bank.takeoff import note_armed, note_landed, take_off_at
 from companion.estimators.vertical_bank.weather import follow_weather
 from companion.jit import step
@@ -223,17 +223,18 @@ def on_range(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
 @step
 def on_status(state: Rows, params: Rows, sample: Rows, estimate: Rows) -> int:
     """A reboot restarts the vehicle's clock: start anew. Where the clock goes on, only the
-    estimator is restarted: the vehicle has taken off where it did, and a fix type that was
-    discredited is."""
+    estimator is restarted: the vehicle has taken off where it did, and its receiver is as good as
+    it has shown itself to be."""
     s = state[0]
     if sample[0].reboot == 1:
         is_ours = 0 <= s.bank.now_us <= sample[0].time_us
-        plain_until_us = s.gnss.plain_until_us if is_ours else -1
         was_us = s.takeoff.time_us if is_ours else -1
         height_m, variance_m2 = mean(s.bank, TAKEOFF), variance(s.bank, TAKEOFF)
-        start(state, params)
+        if is_ours:
+            restart(state, params)
+        else:
+            start(state, params)
         forget(estimate)
-        s.gnss.plain_until_us = plain_until_us
         if was_us >= 0:
             take_off_at(s.takeoff, s.bank, was_us, height_m, variance_m2)
     note_landed(s.takeoff, sample[0].landed)

@@ -188,7 +188,8 @@ def test_baro_step_is_excluded_within_a_second_and_used_again(step_m: float) -> 
 
 @pytest.mark.parametrize("imu_hz", [10.0, 25.0, 50.0])
 def test_baro_ramp_does_little_harm(imu_hz: float) -> None:
-    """A metre a second for a minute: while nothing says whose it is, the level covers it."""
+    """A metre a second for a minute: while nothing says whose it is, the level covers it. 34 m
+    were published while a storm of 0.25 m/s was as probable as one of 0.1 m/s is now."""
     made = flight(imu_hz=imu_hz)
     elapsed_s = made.elapsed_s(made.tables[Kind.PRESSURE]["time_us"])
     ramp_m = np.clip(elapsed_s - 120.0, 0.0, 60.0)
@@ -197,7 +198,7 @@ def test_baro_ramp_does_little_harm(imu_hz: float) -> None:
     late = elapsed_s > 60.0
     assert (np.abs(error) < estimates["protection_level_m"])[late].all()
     told = late & (estimates["protection_level_m"] < 50.0)
-    assert np.abs(error[told]).max() < 35.0
+    assert np.abs(error[told]).max() < 40.0
 
 
 def test_an_imu_that_shakes_between_its_samples_is_trusted_less() -> None:

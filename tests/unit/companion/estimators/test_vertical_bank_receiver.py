@@ -1,0 +1,81 @@
+"""What the vertical bank learns of a receiver that stands, and keeps."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from companion.estimators.method import Filter
+from companion.estimators.vertical_bank import steps as vb
+from companion.estimators.vertical_bank.reported_accuracy import (
+    PLAIN,
+    RECEIVER,
+    note_rest,
+    receiver_start,
+    slow_m2,
+)
+from companion.estimators.vertical_bank.settings import VerticalBankSettings
+from companion.intake import restart_row
+from companion.samples import DTYPES, Kind, readable, rows
+from tests.flights import flight
+
+HDOP, REPORTED_M, FLOOR_M = 4.6, 23.0, 2.5
+
+
+def slow_sd_m(sample: Any, shown_sd_m: float, rests_s: int) -> float:
+    """Slow spread of a receiver whose heights at rest vary by `shown_sd_m` over a minute and
+    more."""
+    params = VerticalBankSettings().params().view(np.recarray)[0]
+    gnss = readable(rows(RECEIVER))[0]
+    receiver_start(gnss)
+    random = np.random.default_rng(1)
+    error_m = 0.0
+    for _ in range(rests_s):
+        error_m += -error_m / 60.0 + shown_sd_m * math.sqrt(2.0 / 60.0) * random.normal()
+        sample["altitude_amsl_m"] = 300.0 + error_m
+        note_rest(gnss, params, sample, PLAIN, 1.0, 300.0)
+    return math.sqrt(slow_m2(gnss, params, sample, PLAIN, 0.4))
+
+
+def fix(**fields: float) -> Any:
+    sample = readable(rows(DTYPES[Kind.GNSS]))
+    for name in ("vertical_sd_m", "vdop", "hdop", "datum_sd_m"):
+        sample[name] = fields.get(name, math.nan)
+    return sample
+
+
+def test_a_receiver_that_reports_a_dilution_only_is_as_good_as_it_shows_itself() -> None:
+    """Of four recorded receivers that report no accuracy, each varied by a tenth to two thirds of
+    what its dilution tells: a height was 28 m wrong beside one that varied by 2 m, as it counted
+    as 23 m."""
+    never = slow_sd_m(fix(hdop=HDOP), 2.0, 0)
+    minute, long = (slow_sd_m(fix(hdop=HDOP), 2.0, rests_s) for rests_s in (60, 1800))
+    assert never == pytest.approx(REPORTED_M, abs=0.1)
+    assert 0.5 * never < minute < never
+    assert FLOOR_M <= long < 4.0
+
+
+def test_a_dilution_that_tells_too_little_counts_as_what_is_shown() -> None:
+    assert 5.0 < slow_sd_m(fix(vdop=0.9), 8.0, 1800) < 9.0
+
+
+def test_a_reported_accuracy_is_never_taken_for_less() -> None:
+    assert slow_sd_m(fix(vertical_sd_m=10.0), 1.0, 1800) == pytest.approx(10.0, abs=0.1)
+
+
+def test_a_restart_of_the_estimator_keeps_it_and_a_reboot_does_not() -> None:
+    """After a restart in flight, a receiver that had stood for a quarter of an hour counted as its
+    dilution tells."""
+    running = Filter(vb.METHOD)
+    log = flight().log()
+    for entry in np.asarray(log.tables.order):
+        running.step(Kind(int(entry["kind"])), log[entry["kind"]][entry["row"] : entry["row"] + 1])
+    state = running.state.view(np.recarray)[0]
+    state.gnss.rests_s, state.gnss.rest_type = 900.0, PLAIN
+    now_us = int(state.bank.now_us)
+    running.step(Kind.STATUS, restart_row(now_us + 1000, now_us + 1000))
+    assert state.gnss.rests_s == 900.0
+    assert state.gnss.seen == 0
+    running.step(Kind.STATUS, restart_row(1000, now_us + 2000))
+    assert state.gnss.rests_s == 0.0

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from companion import whole_file
 from companion.common_cli import (
     ConfigOption,
     EstimatorOption,
@@ -152,7 +153,7 @@ def _show(found: "Identified") -> None:
 
 def _write(path: Path, text: str) -> None:
     try:
-        path.write_text(text, encoding="utf-8")
+        whole_file.write(path, text.encode("utf-8"))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written: {error.strerror}") from None
     print(f"\nwrote {path}")

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from companion import whole_file
 from companion.errors import ConfigError
 from companion.evaluation.metrics import Array
 from companion.plots import style
@@ -80,7 +81,7 @@ def write_png(canvas: Any, path: Path, colours: int = COLOURS) -> None:
     """Write a figure as a small PNG. Raises `ConfigError`."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(small_png(canvas, colours))
+        whole_file.write(path, small_png(canvas, colours))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None
 

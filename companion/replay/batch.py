@@ -23,6 +23,7 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
+from companion import whole_file
 from companion.errors import ConfigError, KollsmanError, LogFormatError
 from companion.jit import source_hash
 from companion.jobs import Done, OnDone, Row, run_on
@@ -229,8 +230,11 @@ def fleet_row(session: Row) -> Row:
 def _write_fleet(out: Path, sessions: Sequence[Row], table: Sequence[Row]) -> None:
     try:
         report = document("batch", str(out), sessions)
-        (out / "fleet.json").write_text(json.dumps(report, indent=1), encoding="utf-8")
-        with (out / "fleet.csv").open("w", newline="", encoding="utf-8") as file:
+        whole_file.write(out / "fleet.json", json.dumps(report, indent=1).encode("utf-8"))
+        with (
+            whole_file.replacing(out / "fleet.csv") as partial,
+            partial.open("w", newline="", encoding="utf-8") as file,
+        ):
             writer = csv.DictWriter(file, FLEET_COLUMNS)
             writer.writeheader()
             writer.writerows(table)

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from companion import __version__
+from companion import __version__, whole_file
 from companion.errors import ConfigError
 from companion.plots import style
 from companion.plots.packing import pack
@@ -149,6 +149,6 @@ def _write(path: Path, template: str, context: dict[str, Any]) -> None:
     text = environment.get_template(template).render(context | {"css": _asset("report.css")})
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8", newline="\n")
+        whole_file.write(path, text.encode("utf-8"))
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None

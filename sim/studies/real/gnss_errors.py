@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from companion import whole_file
 from companion.errors import KollsmanError
 from companion.evaluation.samples import samples_of
 from companion.samples import Kind
@@ -123,7 +124,7 @@ def stationary(path: Path) -> list[RecordedError]:
     kept = kept_parts() / f"still-{VERSION}-{digest}.json"
     if not kept.exists():
         found = [stretch.tolist() for stretch in _still(_fixes(path))]
-        kept.write_text(json.dumps(found), encoding="utf-8")
+        whole_file.write(kept, json.dumps(found).encode("utf-8"))
     stretches = json.loads(kept.read_text(encoding="utf-8"))
     return [
         RecordedError(path, number, *np.array(each, np.float64).T)

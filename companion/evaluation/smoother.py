@@ -57,8 +57,8 @@ and e have their own"""
 CLIMB_PSD_M2PS3 = 10.0
 """spectral density of the vertical acceleration: a light aircraft's manoeuvre, 4.4 m/s2 for 2 s"""
 WEATHERS = ((0.003, 1800.0), (0.03, 600.0), (0.25, 600.0))
-"""(sd of the drift rate in m/s, its correlation time in s): calm, fair, stormy, as vertical-bank
-has them"""
+"""(sd of the drift rate in m/s, its correlation time in s): calm; four times the worst hour of a
+year of METARs; what no weather does, but a scripted one of a simulator"""
 OFFSET_WALK = 0.02
 """m per square root of a second"""
 SCALE_WALK = 2e-5

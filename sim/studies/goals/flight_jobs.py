@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from companion.estimators import DEFAULT_ESTIMATOR, ESTIMATORS, Filter, run_log
+from companion.estimators.vertical_bank.settings import VerticalBankSettings
 from companion.evaluation.compare import compare_log, estimate_series
 from companion.evaluation.metrics import errors, truth_at
 from companion.evaluation.samples import samples_of
@@ -30,9 +31,12 @@ SETTLE_S = 60.0
 ABLATIONS: dict[str, tuple[str, ...]] = {
     "whole": (),
     "no drift rate": ("rate_sd_mps=[0, 0, 0]",),
-    "calm weather alone": ("rate_sd_mps=[0.003, 0.003, 0.003]",),
-    "fair weather alone": ("rate_sd_mps=[0.03, 0.03, 0.03]",),
-    "stormy weather alone": ("rate_sd_mps=[0.25, 0.25, 0.25]",),
+    **{
+        f"{name} weather alone": (f"rate_sd_mps=[{sd_mps}, {sd_mps}, {sd_mps}]",)
+        for name, sd_mps in zip(
+            ("calm", "fair", "stormy"), VerticalBankSettings().rate_sd_mps, strict=True
+        )
+    },
     "no floor of the GNSS error": ("gnss_slow_floor_m=0",),
     "no atmosphere scale": ("scale_sd_ratio=0", "scale_walk_rts=0"),
     "no fast barometer error": ("fast_sd_m=0",),

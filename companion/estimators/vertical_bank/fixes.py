@@ -125,7 +125,6 @@ def hear_fix(state: Rows, params: Rows, sample: Rows, fix_m: float, late_s: floa
     elapsed_s = (s.bank.now_us - s.gnss.used_us) * 1e-6 if s.gnss.seen == 1 else FIX_INTERVAL_S
     note_fix(s.gnss, p, sample, s.bank.path_m)
     fix_type = credited_type(s.gnss, sample, s.bank.now_us)
-    watch_rest(state, params, sample, fix_type, elapsed_s)
     R = expect_fix(state, params, sample, fix_type, elapsed_s)
     if s.gnss.seen == 0:
         meet_gnss(state, params, fix_m)
@@ -148,6 +147,7 @@ def hear_fix(state: Rows, params: Rows, sample: Rows, fix_m: float, late_s: floa
     fuse(s.bank, fix_m, R, p.tempering_ratio * min(1.0, elapsed_s / FIX_INTERVAL_S), 0)
     if fix_type > PLAIN:
         doubt_type(state, params, fix_type, trusted_m)
+    watch_rest(state, params, sample, fix_type, elapsed_s)
     is_undecided = s.gnss.against_m > 0.0 or slides_unseen(s.bank)
     if s.baro.seen == 1 and (elapsed_s > OUTAGE_S or is_undecided):
         s.bank.H[GNSS_BIAS] = 0.0
@@ -197,9 +197,11 @@ def expect_fix(state: Rows, params: Rows, sample: Rows, fix_type: int, elapsed_s
 
 @step
 def watch_rest(state: Rows, params: Rows, sample: Rows, fix_type: int, elapsed_s: float) -> None:
-    """What the heights of a vehicle that rests before its take-off show of the receiver."""
+    """What the heights of a vehicle that rests before its take-off show of the receiver, unless
+    they are explained as a fault: taken for its usual error, 30 m allowed it anything later."""
     s = state[0]
-    if s.takeoff.time_us >= 0 or not sample[0].ground_speed_mps <= REST_SPEED_MPS:
+    is_wrong = fault_probability(s.bank, GNSS_HEIGHT) > EVEN
+    if s.takeoff.time_us >= 0 or not sample[0].ground_speed_mps <= REST_SPEED_MPS or is_wrong:
         note_motion(s.gnss)
     elif rests(s.takeoff, mean(s.bank, CLIMB), sample[0].ground_speed_mps):
         baro_m = s.baro.height_m if s.baro.seen == 1 else 0.0

@@ -79,3 +79,18 @@ def test_a_restart_of_the_estimator_keeps_it_and_a_reboot_does_not() -> None:
     assert state.gnss.seen == 0
     running.step(Kind.STATUS, restart_row(1000, now_us + 2000))
     assert state.gnss.rests_s == 0.0
+
+
+@pytest.mark.parametrize("step_m", [30.0, -100.0])
+def test_a_fault_at_rest_is_not_taken_for_what_the_receiver_varies_by(step_m: float) -> None:
+    """After a jump before the take-off, the receiver was allowed to wander by 40 m aloft: 46 m
+    were published, far beyond the level."""
+    made = flight(duration_s=60.0).stand(20.0)
+    made.change(Kind.GNSS, "altitude_amsl_m", lambda height_m: height_m + step_m, 10.0, 20.0)
+    running = Filter(vb.METHOD)
+    log = made.log()
+    for entry in np.asarray(log.tables.order):
+        running.step(Kind(int(entry["kind"])), log[entry["kind"]][entry["row"] : entry["row"] + 1])
+    gnss = running.state.view(np.recarray)[0].gnss
+    assert gnss.rests_s > 5.0
+    assert (gnss.rests_m2s / gnss.rests_s < 9.0).all()

@@ -40,7 +40,7 @@ class VerticalBankSettings(EstimatorSettings):
     offset_walk_m_rts: float = Field(0.05, ge=0, le=10)
     """random walk of the barometer's slow error: 3 m in an hour, half of it the slope of pressure
     en route (4 m per 100 km)"""
-    rate_sd_mps: tuple[Spread, Spread, Spread] = (0.003, 0.01, 0.1)
+    rate_sd_mps: tuple[Spread, Spread, Spread] = (0.003, 0.03, 0.1)
     """standard deviation of the drift rate of the barometer's error in calm, fair and stormy
     weather (a year of METARs has 4.7 m/h sd, 31 m/h at most; a jump line 25 m in four minutes)"""
     rate_time_s: tuple[Positive, Positive, Positive] = (1800.0, 600.0, 600.0)

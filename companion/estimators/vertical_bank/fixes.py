@@ -197,11 +197,11 @@ def expect_fix(state: Rows, params: Rows, sample: Rows, fix_type: int, elapsed_s
 
 @step
 def watch_rest(state: Rows, params: Rows, sample: Rows, fix_type: int, elapsed_s: float) -> None:
-    """What the heights of a vehicle that rests before its take-off show of the receiver, unless
-    they are explained as a fault: taken for its usual error, 30 m allowed it anything later."""
+    """What the heights of a vehicle that rests before its take-off show of the receiver. A fault
+    shows nothing: counted as usual error, it would let the receiver err by as much aloft."""
     s = state[0]
-    is_wrong = fault_probability(s.bank, GNSS_HEIGHT) > EVEN
-    if s.takeoff.time_us >= 0 or not sample[0].ground_speed_mps <= REST_SPEED_MPS or is_wrong:
+    is_at_rest = s.takeoff.time_us < 0 and sample[0].ground_speed_mps <= REST_SPEED_MPS
+    if not is_at_rest or fault_probability(s.bank, GNSS_HEIGHT) > EVEN:
         note_motion(s.gnss)
     elif rests(s.takeoff, mean(s.bank, CLIMB), sample[0].ground_speed_mps):
         baro_m = s.baro.height_m if s.baro.seen == 1 else 0.0

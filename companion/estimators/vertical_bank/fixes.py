@@ -78,6 +78,7 @@ from companion.estimators.vertical_bank.reported_accuracy import (
     slow_m2,
     slow_time_s,
     stamp_ratio,
+    unseen_white_m2,
     white_m2,
 )
 from companion.estimators.vertical_bank.takeoff import REST_SPEED_MPS, rests
@@ -192,7 +193,8 @@ def expect_fix(state: Rows, params: Rows, sample: Rows, fix_type: int, elapsed_s
     expected_m2 = expected_slow_m2(p, sample, fix_type, white)
     s.bank.slow_time_s = slow_time_s(s.gnss, p, expected_m2, slow)
     expect_gnss(s.bank, p, slow, elapsed_s)
-    return white + timing_m2(p.timing_sd_s * stamp_ratio(fix_type), s.bank.climb_mps, elapsed_s)
+    timing = timing_m2(p.timing_sd_s * stamp_ratio(fix_type), s.bank.climb_mps, elapsed_s)
+    return white + unseen_white_m2(s.gnss, p, sample, white) + timing
 
 
 @step

@@ -59,6 +59,7 @@ RECEIVER = np.dtype(
         ("seen", "i8"),
         ("used_us", "i8"),  # newest fix that was fused
         ("median_m", "f8"),  # of the differences between consecutive heights beyond the motion
+        ("differences", "i8"),  # how many of them were seen
         ("height_m", "f8"),  # newest, and the path then
         ("path_m", "f8"),
         ("innovation_m", "f8"),
@@ -82,7 +83,7 @@ RECEIVER = np.dtype(
 @step
 def receiver_start(gnss: Record) -> None:
     """No fix heard."""
-    gnss.plain_until_us, gnss.median_m = -1, math.nan
+    gnss.plain_until_us, gnss.median_m, gnss.differences = -1, math.nan, 0
     gnss.rest_type, gnss.rest_reported_m = 0, 0.0
     forget_rests(gnss)
     receiver_restart(gnss)
@@ -175,6 +176,7 @@ def note_fix(gnss: Record, p: Record, sample: Rows, path_m: float) -> None:
         change_m = abs(height_m - gnss.height_m - (path_m - gnss.path_m))
         up = change_m > gnss.median_m
         gnss.median_m *= 1.0 + NOISE_STEP if up else 1.0 / (1.0 + NOISE_STEP)
+        gnss.differences += 1
     gnss.height_m, gnss.path_m = height_m, path_m
     gnss.ground_speed_mps = sample[0].ground_speed_mps
 
@@ -185,6 +187,13 @@ def white_m2(gnss: Record, p: Record, sample: Rows, fix_type: int) -> float:
     shown_m = MEDIAN_TO_SD / math.sqrt(2.0) * gnss.median_m
     reported_m = math.sqrt(reported_m2(p, sample))
     return max(white_floor_m(p, fix_type), min(shown_m, reported_m)) ** 2
+
+
+@step
+def unseen_white_m2(gnss: Record, p: Record, sample: Rows, white: float) -> float:
+    """What the white variance may be more than `white`, which the stream shows: all of the rest of
+    the reported variance before it has shown a difference, a share of it after some."""
+    return max(0.0, reported_m2(p, sample) - white) / max(1, gnss.differences)
 
 
 @step

@@ -262,7 +262,7 @@ def propagate(bank: Record, imu: Record, p: Record, dt: float, steps: int) -> No
             relax(x, P, RATE, keep_ramp, rate_sd * rate_sd)
         else:
             relax(x, P, RATE, math.exp(-dt / p.rate_time_s[kind]), rate_sd * rate_sd)
-        relax(x, P, FAST, keep_fast, bank.fast_m2)
+        relax(x, P, FAST, keep_fast, bank.fast_m2 * p.gust_ratio[kind] ** 2)
         if gnss_is_wrong(i):
             carry(x, P, GNSS_BIAS, GNSS_RATE, dt)
             slide_sd = 0.0 if bank.jumped[i] == 1 else p.slide_sd_mps

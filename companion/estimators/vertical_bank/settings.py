@@ -57,7 +57,7 @@ class VerticalBankSettings(EstimatorSettings):
     fast_sd_m: float = Field(1.5, ge=0, le=100)
     """standard deviation of the barometer's fast error: gusts over the static port, sensor
     wander"""
-    gust_ratio: tuple[Positive, Positive, Positive] = (1.0, 2.0, 4.0)
+    gust_ratio: tuple[Positive, Positive, Positive] = (1.0, 2.0, 1.0)
     """the barometer's fast error in calm, fair and stormy weather, over `fast_sd_m`"""
     fast_time_s: float = Field(60.0, gt=0, le=1e5)
     """correlation time of the barometer's fast error"""

@@ -116,14 +116,21 @@ def suppose_gnss_fault(
 
 
 @step
+def end_of_seen(bank: Record) -> int:
+    """End of the slots of barometer faults that a reading shows: while GNSS is away and the vehicle
+    is blind, the last slot is of faults that nothing shows."""
+    return MO - 1 if bank.outage == 1 and bank.blind == 1 else MO
+
+
+@step
 def suppose_baro_fault(
     bank: Record, jump_m: float, slide_mps: float, prior: float, is_surprise: bool
 ) -> None:
     """The most probable hypothesis, but its barometer is wrong since now."""
     top = heaviest(bank, 0, N)
     both = gnss_is_wrong(top)
-    end = MO - 1 if bank.outage == 1 and bank.blind == 1 else MO  # the last is of unseen faults
-    slot = suppose(bank, top, BO if both else BA, RE if both else end, prior, is_surprise)
+    first, end = (BO, RE) if both else (BA, end_of_seen(bank))
+    slot = suppose(bank, top, first, end, prior, is_surprise)
     if slot >= 0:
         bank.P[slot, OFFSET, OFFSET] += jump_m * jump_m
         if not baro_is_wrong(top):
@@ -248,7 +255,7 @@ def on_baro_surprise(
     suppose_baro_return(bank, p, p.rejump_rate_per_h * PER_H * elapsed_s)
     rate_per_h = p.rejump_rate_per_h if baro_is_wrong(top) else p.fault_rate_per_h
     prior = rate_per_h * PER_H * elapsed_s
-    first, end = (BO, RE) if gnss_is_wrong(top) else (BA, MO)
+    first, end = (BO, RE) if gnss_is_wrong(top) else (BA, end_of_seen(bank))
     if not explains(bank, first, end, prior * bank.weight[top], z, R):
         suppose_baro_fault(bank, p.baro_jump_m, 3.0 * p.baro_fault_rate_mps, prior, True)
     suppose_motion(bank, p, is_blind, elapsed_s)

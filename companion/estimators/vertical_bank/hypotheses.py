@@ -69,6 +69,9 @@ ELSEWHERE = 0.1
 """Share of the further jumps of a faulty receiver that do not end its fault. Evidence counts by its
 tempered likelihood, which forgives most of what a jump of any size has against one home: a spread
 of 200 m where 6 m would do."""
+AWAY_SIGMA = 2.0
+"""An offset nearer to where it was has nothing to return from: a jump would be taken for the return
+of a fault that nothing spoke for."""
 LONGEST_ONSET_S = 10.0
 """A fault that shows after a longer silence may have begun at any time within it."""
 
@@ -177,10 +180,11 @@ def suppose_baro_return(bank: Record, p: Record, prior: float) -> None:
     was before; that much less of the parent remains. Where the receiver was wrong too, it still
     is."""
     parent = heaviest_of_wrong_baro(bank)
-    if bank.weight[parent] == 0.0:
+    home_m, home_m2 = bank.home_m[parent], bank.home_m2[parent]
+    is_away = (bank.x[parent, OFFSET] - home_m) ** 2 > AWAY_SIGMA * AWAY_SIGMA * home_m2
+    if bank.weight[parent] == 0.0 or not is_away:
         return
     still = gnss_is_wrong(parent)
-    home_m, home_m2 = bank.home_m[parent], bank.home_m2[parent]
     slot = suppose(bank, parent, GN if still else RE, BA if still else N, prior, True)
     bank.weight[parent] *= 1.0 - min(1.0, prior)
     if slot >= 0:

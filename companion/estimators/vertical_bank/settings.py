@@ -58,7 +58,8 @@ class VerticalBankSettings(EstimatorSettings):
     """standard deviation of the barometer's fast error: gusts over the static port, sensor
     wander"""
     gust_ratio: tuple[Positive, Positive, Positive] = (1.0, 2.0, 1.0)
-    """the barometer's fast error in calm, fair and stormy weather, over `fast_sd_m`"""
+    """the barometer's fast error in calm, fair and stormy weather, over `fast_sd_m`: a static port
+    that errs by a tenth of the velocity head errs by 3 m in gusts of 10 m/s"""
     fast_time_s: float = Field(60.0, gt=0, le=1e5)
     """correlation time of the barometer's fast error"""
     scale_sd_ratio: float = Field(0.05, ge=0, le=1)

@@ -40,6 +40,7 @@ ABLATIONS: dict[str, tuple[str, ...]] = {
     "no floor of the GNSS error": ("gnss_slow_floor_m=0",),
     "no atmosphere scale": ("scale_sd_ratio=0", "scale_walk_rts=0"),
     "no fast barometer error": ("fast_sd_m=0",),
+    "no gusts": ("gust_ratio=[1, 1, 1]",),
     "no static port error": ("port_sd_ratio=0",),
     "no lift-off error": ("lift_sd_m=0",),
     "no barometer lag": ("lag_sd_s=0",),

@@ -2,8 +2,8 @@
 says they are.
 
 The barometer's error drifts at a rate that is Gauss-Markov with the spread of the weather's kind,
-which changes as the bank assumes; GNSS wanders and is noisy as its reported spread is split. Height
-climbs and descends in ramps. Attitude is level. Same seed, same flight.
+as are its gusts; the kind changes as the bank assumes. GNSS wanders and is noisy as its reported
+spread is split. Height climbs and descends in ramps. Attitude is level. Same seed, same flight.
 """
 
 from typing import Any, NamedTuple
@@ -52,17 +52,17 @@ def gauss_markov(
     return values
 
 
-def weather_rate(settings: VerticalBankSettings, rng: np.random.Generator, seconds: int) -> Array:
-    """Drift rate of the barometer's error, one a second."""
+def weather_kinds(
+    settings: VerticalBankSettings, rng: np.random.Generator, seconds: int
+) -> NDArray[np.int64]:
+    """Calm (0), fair (1) or stormy (2), one a second."""
     prior = np.array(settings.weather_prior) / np.sum(settings.weather_prior)
     kind, kinds = rng.choice(3, p=prior), np.empty(seconds, np.int64)
     for k in range(seconds):
         if rng.random() < 1.0 / settings.switching_s:
             kind = rng.choice(3, p=prior)
         kinds[k] = kind
-    return gauss_markov(
-        np.array(settings.rate_sd_mps)[kinds], settings.rate_time_s[1], 1.0, rng, seconds
-    )
+    return kinds
 
 
 def velocity_head_m(settings: VerticalBankSettings, rng: np.random.Generator, count: int) -> Array:
@@ -79,12 +79,14 @@ def baro_error_m(
     seconds_now = np.minimum((np.arange(n) * STEP_S).astype(np.int64), seconds - 1)
     scale = rng.normal(0.0, settings.scale_sd_ratio)
     scale = scale + settings.scale_walk_rts * np.cumsum(rng.normal(size=n)) * root
-    slow = rng.normal(0.0, 60.0) + np.cumsum(
-        weather_rate(settings, rng, seconds)[seconds_now] * STEP_S
-    )
+    kinds = weather_kinds(settings, rng, seconds)
+    rate_sd_mps, gusts = np.array(settings.rate_sd_mps)[kinds], np.array(settings.gust_ratio)[kinds]
+    rate_mps = gauss_markov(rate_sd_mps, settings.rate_time_s[1], 1.0, rng, seconds)
+    slow = rng.normal(0.0, 60.0) + np.cumsum(rate_mps[seconds_now] * STEP_S)
     slow += settings.offset_walk_m_rts * np.cumsum(rng.normal(size=n)) * root
     slow += np.cumsum(scale * climb) * STEP_S
-    slow += gauss_markov(settings.fast_sd_m, settings.fast_time_s, STEP_S, rng, n)
+    fast_sd_m = settings.fast_sd_m * gusts[seconds_now]
+    slow += gauss_markov(fast_sd_m, settings.fast_time_s, STEP_S, rng, n)
     port = rng.normal(0.0, settings.port_sd_ratio) * velocity_head_m(settings, rng, n)
     return slow + port - rng.normal(0.0, settings.lag_sd_s) * climb + rng.normal(0.0, 0.3, n)
 

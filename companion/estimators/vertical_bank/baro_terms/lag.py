@@ -11,9 +11,7 @@ import math
 from companion.jit import step
 
 SMOOTHING_S = 2.0
-QUIET_MPS = 1.0
-"""A slope within this may be the barometer's own error, which is in its height as well: learned
-from it, the lag would be negative. From twice this on it is a climb."""
+QUIET_MPS = 0.5
 SHOWN_RATIO = 2.0
 
 
@@ -40,5 +38,4 @@ def lag_climb_mps(slope: float, climb_mps: float) -> float:
     """The climb that the lag is seen by: the slope, within twice the estimated climb. A slope that
     the estimate does not share is a jump of the barometer, and one within its noise is none."""
     shown = SHOWN_RATIO * abs(climb_mps) + QUIET_MPS
-    seen = max(-shown, min(shown, slope))
-    return seen * max(0.0, min(1.0, abs(seen) / QUIET_MPS - 1.0))
+    return max(-shown, min(shown, slope)) if abs(slope) > QUIET_MPS else 0.0

@@ -48,6 +48,7 @@ def bank_settings(model: Model) -> VerticalBankSettings:
         rate_sd_mps=(model.rate_sd_mps,) * 3,
         rate_time_s=(1e5,) * 3,
         fast_sd_m=model.fast_sd_m,
+        gust_ratio=(1.0,) * 3,
         fast_time_s=model.fast_time_s,
         scale_sd_ratio=model.scale_sd_ratio,
         scale_walk_rts=0.0,

@@ -308,9 +308,10 @@ class TestGnss:
 
     def test_the_barometer_goes_on_when_stamps_freeze(self) -> None:
         """Expected Result: published for half a minute, right to the end; then silent, as without
-        an IMU nobody would see a barometer fault."""
+        an IMU nobody would see a barometer fault: at .13 an hour one is a thousandth probable
+        after 28 s."""
         outcome, climb = self.frozen_stamps(imu=None)
-        assert published_s(outcome).max() > 90
+        assert published_s(outcome).max() > 60 + 28
         assert "may be wrong" in outcome.pipeline.health.reason
         altitude_m = outcome.pipeline.filter.estimate[0]["altitude_amsl_m"]
         assert altitude_m == pytest.approx(climb(120), abs=10.0)

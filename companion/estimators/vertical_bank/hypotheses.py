@@ -175,6 +175,13 @@ def suppose_return(bank: Record, parent: int, prior: float, is_surprise: bool) -
 
 
 @step
+def drift_as_weather(bank: Record, p: Record, i: int) -> None:
+    """The barometer of hypothesis i drifts as its weather does."""
+    rate_sd = rate_sd_mps(bank, p, i)
+    replace(bank.x[i], bank.P[i], RATE, 0.0, rate_sd * rate_sd)
+
+
+@step
 def suppose_baro_return(bank: Record, p: Record, prior: float) -> None:
     """The most probable hypothesis whose barometer is wrong, but its offset is since now what it
     was before; that much less of the parent remains. Where the receiver was wrong too, it still
@@ -188,9 +195,8 @@ def suppose_baro_return(bank: Record, p: Record, prior: float) -> None:
     slot = suppose(bank, parent, GN if still else RE, BA if still else N, prior, True)
     bank.weight[parent] *= 1.0 - min(1.0, prior)
     if slot >= 0:
-        rate_sd = rate_sd_mps(bank, p, slot)
         replace(bank.x[slot], bank.P[slot], OFFSET, home_m, home_m2)
-        replace(bank.x[slot], bank.P[slot], RATE, 0.0, rate_sd * rate_sd)
+        drift_as_weather(bank, p, slot)
 
 
 @step
@@ -309,8 +315,7 @@ def suppose_baro_is_well(bank: Record, p: Record, elapsed_s: float) -> None:
     slot = suppose(bank, both, GN, BA, elapsed_s / p.baro_fault_time_s, False)
     bank.weight[both] *= 1.0 - min(1.0, elapsed_s / p.baro_fault_time_s)
     if slot >= 0:
-        rate_sd = rate_sd_mps(bank, p, slot)
-        replace(bank.x[slot], bank.P[slot], RATE, 0.0, rate_sd * rate_sd)
+        drift_as_weather(bank, p, slot)
 
 
 @step

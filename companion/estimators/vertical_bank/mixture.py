@@ -175,15 +175,19 @@ def heaviest(bank: Record, first: int, end: int) -> int:
 @step
 def heaviest_accuser(bank: Record) -> int:
     """The most probable hypothesis that says that the receiver is wrong."""
-    alone, both = heaviest(bank, GN, BA), heaviest(bank, BO, RE)
-    return both if bank.weight[both] > bank.weight[alone] else alone
+    return heavier(bank, heaviest(bank, GN, BA), heaviest(bank, BO, RE))
 
 
 @step
 def heaviest_of_wrong_baro(bank: Record) -> int:
     """The most probable hypothesis that says that the barometer is wrong."""
-    alone, both = heaviest(bank, BA, MO), heaviest(bank, BO, RE)
-    return both if bank.weight[both] > bank.weight[alone] else alone
+    return heavier(bank, heaviest(bank, BA, MO), heaviest(bank, BO, RE))
+
+
+@step
+def heavier(bank: Record, one: int, other: int) -> int:
+    """The more probable of two hypotheses."""
+    return other if bank.weight[other] > bank.weight[one] else one
 
 
 @step

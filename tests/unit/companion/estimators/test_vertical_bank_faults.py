@@ -71,6 +71,29 @@ def test_a_barometer_may_return_to_the_offset_that_it_had() -> None:
     assert bank.x[well, OFFSET] == 12.0
 
 
+def test_an_offset_that_is_where_it_was_has_nothing_to_return_from() -> None:
+    """A step of 15 m was taken for the return of a fault that was a thousandth probable."""
+    bank, params = bank_and_params()
+    bank.x[:, OFFSET] = 12.0
+    search(bank, params)
+    bank.x[BA + int(bank.weight[BA:MO].argmax()), OFFSET] = 16.0
+    bank.weight[RE:N] = 0.0
+    on_baro_surprise(bank, params, False, 0.1, math.nan, 1.0)
+    assert bank.weight[RE:N].max() == 0.0
+
+
+def test_a_fault_that_nothing_shows_explains_no_reading() -> None:
+    """While GNSS is away and the vehicle is blind, the unseen fault kept a jump of the barometer
+    from being supposed: 71 m were published."""
+    bank, params = bank_and_params()
+    bank.outage = bank.blind = 1
+    bank.H[OFFSET] = 1.0
+    bank.weight[MO - 1] = 0.01
+    bank.P[MO - 1, OFFSET, OFFSET] = 1e6
+    on_baro_surprise(bank, params, True, 0.1, 50.0, 1.0)
+    assert bank.weight[BA : MO - 1].max() > 0.0
+
+
 @pytest.mark.parametrize(
     ("seed", "rate_mps", "start_s", "lasts_s"),
     [(858, -1.0, 113.8, 39.0), (889, 1.0, 103.6, 48.3), (17, -1.0, 115.8, 30.7)],

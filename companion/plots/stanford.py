@@ -48,9 +48,9 @@ def draw_stanford(
         ("misleading", found.misleading),
         ("hazardously misleading", found.hazardous),
     )
-    told = ", ".join(f"{name} {100 * share:.3g} %" for name, share in shares)
+    told = [f"{name} {100 * share:.3g} %" for name, share in shares]
     axes.set(
-        xlabel=f"|altitude error| (m)\n{told}\nalert limit {alert_limit_m:g} m{beyond}",
+        xlabel=f"|altitude error| (m)\n{', '.join(told[:2])}\n{', '.join(told[2:])}\nalert limit {alert_limit_m:g} m{beyond}",
         ylabel="protection level (m)",
         xlim=(0.0, right),
         ylim=(0.0, top),

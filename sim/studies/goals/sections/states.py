@@ -10,6 +10,7 @@ from companion.estimators import ESTIMATORS, run_log
 from companion.evaluation.metrics import Array, truth_at
 from companion.evaluation.samples import samples_of
 from companion.kernels.atmosphere import baro_altitude_array
+from companion.plots.drawing import legend_outside
 from companion.plots.style import BOUND, FUSED, GNSS, OTHER, TRUTH
 from companion.samples import Kind, Rows, SampleLog
 from companion.settings import CompanionSettings
@@ -139,11 +140,11 @@ def _draw_integrity(axes: Any, states: States) -> None:
     for index, (name, colour) in enumerate(WEATHER):
         axes[6].plot(minutes, e["drift_probabilities"][:, index], color=colour, label=name)
     axes[6].set(title="probability of the weather", xlabel="time (min)", ylim=(0.0, 1.0))
-    axes[6].legend(ncols=3)
+    legend_outside(axes[6])
     axes[7].plot(minutes, e["protection_level_m"], color=BOUND, label="protection level")
     axes[7].plot(minutes, np.abs(states.error_m), color=FUSED, label="|error|")
     axes[7].set(title="protection level (m)", xlabel="time (min)", ylim=(0.0, 40.0))
-    axes[7].legend(ncols=2)
+    legend_outside(axes[7])
 
 
 def smooth(values: Array, time_s: float) -> Array:

@@ -49,8 +49,10 @@ def draw_stanford(
         ("hazardously misleading", found.hazardous),
     )
     told = [f"{name} {100 * share:.3g} %" for name, share in shares]
+    limit = f"alert limit {alert_limit_m:g} m{beyond}"
+    lines = ("|altitude error| (m)", ", ".join(told[:2]), ", ".join(told[2:]), limit)
     axes.set(
-        xlabel=f"|altitude error| (m)\n{', '.join(told[:2])}\n{', '.join(told[2:])}\nalert limit {alert_limit_m:g} m{beyond}",
+        xlabel="\n".join(lines),
         ylabel="protection level (m)",
         xlim=(0.0, right),
         ylim=(0.0, top),

@@ -102,7 +102,8 @@ def main() -> None:
 def process(
     command: list[str], environment: dict[str, str] | None = None
 ) -> Iterator["subprocess.Popen[str]"]:
-    """A child that has said "ready"; ended with SIGINT."""
+    """A child that has said "ready"; ended with SIGTERM, as a shell's background job ignores SIGINT
+    and so do its children."""
     child = subprocess.Popen(
         command,
         stdout=subprocess.PIPE,
@@ -117,7 +118,7 @@ def process(
                 break
         yield child
     finally:
-        child.send_signal(signal.SIGINT)
+        child.send_signal(signal.SIGTERM)
         child.wait(20)
         child.stdout.close()
 

@@ -79,7 +79,7 @@ def run(hours: float, speed: float) -> float:
                 sys.stdout.flush()
             time.sleep(0.5)
         done.set()
-        flight.send_signal(signal.SIGINT)
+        flight.send_signal(signal.SIGTERM)
         flight.wait(20)
     growth = 100.0 * (measured[-1] / measured[1] - 1.0) if len(measured) > 2 else 0.0
     sys.stdout.write(

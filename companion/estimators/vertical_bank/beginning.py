@@ -50,7 +50,7 @@ def bank_start(bank: Record, p: Record) -> None:
         P[PORT, PORT] = p.port_sd_ratio * p.port_sd_ratio
         P[LIFT, LIFT] = p.lift_sd_m * p.lift_sd_m
         P[LAG, LAG] = p.lag_sd_s * p.lag_sd_s
-    bank.outage, bank.blind, bank.slope_mps = 1, 1, 0.0
+    bank.outage, bank.blind, bank.unseen, bank.slope_mps = 1, 1, 0.0, 0.0
     bank.evidence, bank.heard, bank.protection_m = 0.0, 0.0, 0.0
     bank.measured_qnh_pa, bank.measured_us = math.nan, -1
     bank.fast_m2 = p.fast_sd_m * p.fast_sd_m

@@ -49,6 +49,7 @@ from companion.estimators.vertical_bank.mixture import (
     heaviest_accuser,
     heaviest_of_wrong_baro,
     imu_is_wrong,
+    is_unseen,
     normalise,
     rate_sd_mps,
 )
@@ -120,9 +121,8 @@ def suppose_gnss_fault(
 
 @step
 def end_of_seen(bank: Record) -> int:
-    """End of the slots of barometer faults that a reading shows: while GNSS is away and the vehicle
-    is blind, the last slot is of faults that nothing shows."""
-    return MO - 1 if bank.outage == 1 and bank.blind == 1 else MO
+    """End of the slots of barometer faults that a reading shows."""
+    return MO - 1 if is_unseen(bank, MO - 1) else MO
 
 
 @step
@@ -215,6 +215,21 @@ def suppose_after_outage(bank: Record, p: Record, prior: float) -> None:
     slot = suppose(bank, heaviest(bank, 0, N), MO - 1, MO, prior, False)
     if slot >= 0:
         divide_anew(bank, slot, p.outage_fault_m * p.outage_fault_m)
+
+
+@step
+def suppose_unseen(bank: Record, p: Record) -> None:
+    """The same while GNSS is away and the vehicle is blind."""
+    suppose_after_outage(bank, p, bank.unseen / bank.weight[heaviest(bank, 0, N)])
+
+
+@step
+def keep_unseen(bank: Record, p: Record) -> None:
+    """No reading of the barometer speaks against a fault that nothing shows: after one that did, as
+    a manoeuvre was supposed of other hypotheses alone, it is as probable as before."""
+    if is_unseen(bank, MO - 1) and bank.weight[MO - 1] < 0.5 * bank.unseen:
+        suppose_unseen(bank, p)
+        normalise(bank)
 
 
 @step
@@ -326,6 +341,8 @@ def search(bank: Record, p: Record) -> None:
         return
     elapsed_s = min((bank.now_us - bank.searched_us) * 1e-6, LONGEST_ONSET_S)
     bank.searched_us = bank.now_us
+    if not is_unseen(bank, MO - 1):
+        bank.unseen = 0.0
     top = heaviest(bank, 0, N)
     prior = p.slide_rate_per_h * PER_H * elapsed_s
     if not gnss_is_wrong(top):
@@ -333,9 +350,9 @@ def search(bank: Record, p: Record) -> None:
     elif bank.jumped[top] == 1:  # what is known to be wrong need not stay where it jumped to
         again = p.rejump_rate_per_h * PER_H * elapsed_s
         suppose_gnss_fault(bank, p.slide_onset_m, p.slide_sd_mps, again, False)
-    if bank.outage == 1 and bank.blind == 1:
-        unseen = (p.fault_rate_per_h + p.slide_rate_per_h) * PER_H * elapsed_s
-        suppose_after_outage(bank, p, unseen + bank.weight[MO - 1])
+    if is_unseen(bank, MO - 1):
+        bank.unseen += (p.fault_rate_per_h + p.slide_rate_per_h) * PER_H * elapsed_s
+        suppose_unseen(bank, p)
     elif not baro_is_wrong(top):
         suppose_baro_fault(bank, p.slide_onset_m, p.baro_fault_rate_mps, prior, False)
     for i in range(GN, RE):

@@ -86,6 +86,7 @@ BANK = np.dtype(
         ("outage", "i8"),  # 1 when there has been no fix for long
         ("unwatched", "i8"),  # 1 when no fix has been near enough in time to watch the barometer
         ("blind", "i8"),  # 1 when the newest stretch had no acceleration
+        ("unseen", "f8"),  # probability that the barometer has gone wrong where nothing shows it
         ("slope_mps", "f8"),  # of the smoothed barometer height
         ("climb_mps", "f8"),  # largest of late that both the mixture and the barometer show
         ("path_m", "f8"),  # displacement since the start, without any correction
@@ -105,6 +106,13 @@ def gnss_is_wrong(i: int) -> bool:
 def baro_is_wrong(i: int) -> bool:
     """Whether hypothesis i says that the barometer is wrong."""
     return BA <= i < MO or BO <= i < RE
+
+
+@step
+def is_unseen(bank: Record, i: int) -> bool:
+    """Whether hypothesis i is of a fault that nothing shows: the barometer went wrong while GNSS is
+    away and the vehicle is blind."""
+    return i == MO - 1 and bank.outage == 1 and bank.blind == 1
 
 
 @step
@@ -261,7 +269,7 @@ def propagate(bank: Record, imu: Record, p: Record, dt: float, steps: int) -> No
             moved = move(x, P, dt, dv, dh, psd)
         bank.path_m += bank.weight[i] * moved
         rate_sd, walk = rate_sd_mps(bank, p, i), p.offset_walk_m_rts
-        if baro_is_wrong(i):
+        if baro_is_wrong(i) and not is_unseen(bank, i):  # that one may have ended
             rate_sd, walk = p.baro_fault_rate_mps, p.baro_fault_walk_m_rts
             relax(x, P, RATE, keep_ramp, rate_sd * rate_sd)
         else:

@@ -34,6 +34,7 @@ from companion.estimators.vertical_bank.cycle import DATUM_SIGMA, conclude, is_b
 from companion.estimators.vertical_bank.hypotheses import (
     SURPRISE_SIGMA,
     doubt_repeat,
+    keep_unseen,
     on_baro_surprise,
     trust_again,
 )
@@ -128,6 +129,8 @@ def fuse_height(state: Rows, params: Rows, elapsed_s: float, late_s: float) -> N
     temper = p.tempering_ratio * min(1.0, elapsed_s / BARO_INTERVAL_S)
     kind = EXPLAINED if watched else SOFT
     fuse_doubtful(s.bank, s.baro.height_m, R, alone, temper, kind)
+    if watched:
+        keep_unseen(s.bank, p)
 
 
 @step

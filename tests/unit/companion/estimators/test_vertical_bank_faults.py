@@ -82,6 +82,19 @@ def test_an_offset_that_is_where_it_was_has_nothing_to_return_from() -> None:
     assert bank.weight[RE:N].max() == 0.0
 
 
+@pytest.mark.parametrize("weather", [(1.0, 0.0, 0.0), (0.5, 0.3, 0.2)])
+def test_a_fault_that_nothing_shows_becomes_more_probable(weather: tuple[float, ...]) -> None:
+    """Each search made it as probable anew as the most probable weather allows: in mixed weather it
+    stayed below the risk, and a blind altitude was published for a minute."""
+    bank, params = bank_and_params()
+    bank.outage = bank.blind = 1
+    bank.weight[:3] = weather
+    for _ in range(6):
+        bank.searched_us = bank.now_us - 10_000_000
+        search(bank, params)
+    assert bank.weight[MO - 1] == pytest.approx(6 * 0.13 * 10.0 / 3600.0, rel=0.01)
+
+
 def test_a_fault_that_nothing_shows_explains_no_reading() -> None:
     """While GNSS is away and the vehicle is blind, the unseen fault kept a jump of the barometer
     from being supposed: 71 m were published."""

@@ -131,6 +131,9 @@ RMSE (m) of one flight each:"""
 
 # The figure
 
+DPI = 150
+"""35 figures with seven estimators each"""
+
 
 def _draw(page: Page, found: Comparison, harmed: Sequence[FaultWindow]) -> None:
     caption = f"{page.slug}: altitude and errors"
@@ -138,7 +141,8 @@ def _draw(page: Page, found: Comparison, harmed: Sequence[FaultWindow]) -> None:
         ((each.onset_us - BOOT_UNIX_US) / 60e6, (each.end_us - BOOT_UNIX_US) / 60e6)
         for each in harmed
     ]
-    with page.figure("flight", caption, rows=PANELS, panel_in=PANEL_IN, sharex=True) as axes:
+    size: dict[str, Any] = {"rows": PANELS, "panel_in": PANEL_IN, "dpi": DPI}
+    with page.figure("flight", caption, sharex=True, **size) as axes:
         draw_comparison(axes, found, windows_min)
 
 

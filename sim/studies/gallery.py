@@ -26,6 +26,9 @@ from sim.studies.runs import run
 
 PAGE = "README"
 
+DPI = 150
+"""of the figures: 35 of them, each with seven estimators, are kept in the repository"""
+
 
 @dataclass(frozen=True)
 class Section:
@@ -131,9 +134,6 @@ RMSE (m) of one flight each:"""
 
 # The figure
 
-DPI = 150
-"""35 figures with seven estimators each"""
-
 
 def _draw(page: Page, found: Comparison, harmed: Sequence[FaultWindow]) -> None:
     caption = f"{page.slug}: altitude and errors"
@@ -141,8 +141,9 @@ def _draw(page: Page, found: Comparison, harmed: Sequence[FaultWindow]) -> None:
         ((each.onset_us - BOOT_UNIX_US) / 60e6, (each.end_us - BOOT_UNIX_US) / 60e6)
         for each in harmed
     ]
-    size: dict[str, Any] = {"rows": PANELS, "panel_in": PANEL_IN, "dpi": DPI}
-    with page.figure("flight", caption, sharex=True, **size) as axes:
+    with page.figure(
+        "flight", caption, rows=PANELS, panel_in=PANEL_IN, dpi=DPI, sharex=True
+    ) as axes:
         draw_comparison(axes, found, windows_min)
 
 

@@ -219,14 +219,16 @@ def suppose_after_outage(bank: Record, p: Record, prior: float) -> None:
 
 @step
 def suppose_unseen(bank: Record, p: Record) -> None:
-    """The same while GNSS is away and the vehicle is blind."""
+    """The barometer has been wrong since some time of this outage of GNSS, in which the vehicle is
+    blind: as probable as `bank.unseen`."""
     suppose_after_outage(bank, p, bank.unseen / bank.weight[heaviest(bank, 0, N)])
 
 
 @step
 def keep_unseen(bank: Record, p: Record) -> None:
-    """No reading of the barometer speaks against a fault that nothing shows: after one that did, as
-    a manoeuvre was supposed of other hypotheses alone, it is as probable as before."""
+    """No reading of the barometer speaks against a fault that nothing shows. Where readings have
+    made it improbable, as a manoeuvre is supposed of other hypotheses alone, its prior counts
+    again."""
     if is_unseen(bank, MO - 1) and bank.weight[MO - 1] < 0.5 * bank.unseen:
         suppose_unseen(bank, p)
         normalise(bank)

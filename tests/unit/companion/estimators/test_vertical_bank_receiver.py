@@ -112,8 +112,8 @@ def test_a_late_stamp_of_a_centimetre_receiver_is_within_the_level() -> None:
 
 @pytest.mark.parametrize("seed", [47, 60, 158, 215, 272])
 def test_a_noisy_receiver_that_is_new_is_not_excluded(seed: int) -> None:
-    """Its white noise was taken for the least possible until the stream had shown more: in 17 of
-    1000 flights the second fix, some 10 m off, excluded it for minutes."""
+    """Its white noise was taken for the least possible until the stream had shown more: in five of
+    300 flights the second fix, some 10 m off, excluded it for minutes."""
     from sim.studies.goals.sensor_level import fly, hour
 
     estimates, _, _ = fly(hour(seed, seconds=60))
